@@ -1,0 +1,164 @@
+"""Time and gradient accuracy of the rasterisers.
+
+One measurement is a training-like step on six images of a closed animal-like surface: rasterise, interpolate nine
+attributes (six per image, three shared), stack the coverage, antialias the ten channels, and differentiate to the
+positions and the attributes. Backends take turns in one process and medians are reported, in milliseconds.
+``gradient_error`` is the relative L2 error of the silhouette's gradient to translation and scale against central
+differences of 8 x 8 supersampled coverage.
+
+    python benchmarks/rasterizer.py --smoke
+    python benchmarks/rasterizer.py --full --json rasterizer.json
+"""
+
+import argparse
+import json
+import math
+import statistics
+import time
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from fauna.geometry.mesh import build_topology
+from fauna.renderer.base import Renderer
+from fauna.renderer.numba_backend import NumbaRenderer
+from fauna.renderer.torch_backend import TorchRenderer
+
+SMOKE = ((64, 12),)
+DEFAULT = ((128, 41), (256, 71))
+FULL = tuple((resolution, cells) for resolution in (128, 256) for cells in (20, 41, 71))
+IMAGES = 6
+BUMPS = (  # direction, height, sharpness: head, four legs, tail
+    ((0.0, 0.6, 1.0), 0.9, 14.0),
+    ((0.5, -1.0, 0.7), 0.9, 22.0),
+    ((-0.5, -1.0, 0.7), 0.9, 22.0),
+    ((0.5, -1.0, -0.7), 0.9, 22.0),
+    ((-0.5, -1.0, -0.7), 0.9, 22.0),
+    ((0.0, 0.3, -1.0), 0.5, 30.0),
+)
+
+
+def animal_surface(cells: int) -> tuple[Tensor, Tensor]:
+    """Closed surface of 12 cells^2 triangles, float64: a sphere cut like a cube, pulled out at head, legs and tail."""
+    u, v = torch.meshgrid(torch.arange(cells + 1), torch.arange(cells + 1), indexing="ij")
+    corners, quads = [], []
+    for axis in range(3):
+        for side in (0, cells):
+            grid = torch.empty(cells + 1, cells + 1, 3, dtype=torch.long)
+            grid[..., axis], grid[..., (axis + 1) % 3], grid[..., (axis + 2) % 3] = side, u, v
+            index = (
+                torch.arange(grid[..., 0].numel()).reshape(cells + 1, cells + 1) + len(corners) * grid[..., 0].numel()
+            )
+            quad = torch.stack((index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]), dim=-1).reshape(-1, 4)
+            corners.append(grid.reshape(-1, 3))
+            quads.append(quad if side else quad.flip(1))
+    points, weld = torch.unique(torch.cat(corners), dim=0, return_inverse=True)
+    quads = weld[torch.cat(quads)]
+    faces = torch.cat((quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
+    direction = torch.nn.functional.normalize(torch.tan((2.0 * points.double() / cells - 1.0) * (math.pi / 4)), dim=1)
+    radius = torch.full((len(points),), 0.8, dtype=torch.float64)
+    for towards, height, sharpness in BUMPS:
+        cosine = direction @ torch.nn.functional.normalize(direction.new_tensor(towards), dim=0)
+        radius = radius + height * (sharpness * (cosine - 1.0)).exp()
+    return direction * radius[:, None] * direction.new_tensor((0.8, 0.9, 1.3)), faces
+
+
+def project(verts: Tensor, images: int = IMAGES) -> Tensor:
+    """Clip positions (image, vert, 4) from cameras all around, see ``docs/conventions.md``."""
+    near, far, focal = 0.1, 1000.0, 1.0 / math.tan(math.radians(12.5))
+    azimuth = torch.arange(images, dtype=verts.dtype) * (2 * math.pi / images) + 0.3
+    cos, sin, zero = azimuth.cos(), azimuth.sin(), torch.zeros_like(azimuth)
+    rotation = torch.stack((cos, zero, sin, zero, zero + 1, zero, -sin, zero, cos), dim=1).reshape(-1, 3, 3)
+    x, y, z = (torch.einsum("rij,vj->rvi", rotation, verts) - verts.new_tensor((0, 0, 10))).unbind(-1)
+    depth = -(far + near) / (far - near) * z - 2 * far * near / (far - near)
+    return torch.stack((focal * x, -focal * y, depth, -z), dim=-1)
+
+
+def training_step(renderer: Renderer, clip: Tensor, faces: Tensor, verts: Tensor, resolution: int) -> Tensor:
+    """One step as described at the top of this file; returns the gradient of the positions."""
+    clip, shared = clip.detach().requires_grad_(), verts[None].detach().requires_grad_()
+    own = torch.cat((clip[..., :3].detach(), clip[..., 1:].detach()), dim=-1).requires_grad_()
+    topology = build_topology(faces)
+    fragments = renderer.rasterize(clip, faces, resolution, resolution)
+    attributes = torch.cat((own, shared.expand(len(own), -1, -1)), dim=-1)
+    image = renderer.interpolate(fragments, faces, attributes)
+    image = torch.cat((image, fragments.covered[:, None].to(image)), dim=1)
+    image = renderer.antialias(image, fragments, clip, faces, topology)
+    image.square().mean().backward()
+    return clip.grad
+
+
+def smooth_weights(count: int, resolution: int) -> Tensor:
+    """Fixed smooth images (count, resolution, resolution): sums of waves longer than an eighth of the image."""
+    generator = torch.Generator().manual_seed(0)
+    axis = torch.arange(resolution, dtype=torch.float64) / resolution
+    waves = torch.rand(count, 6, 3, generator=generator, dtype=torch.float64)
+    frequency = (waves[..., :2] - 0.5) * (2 * math.pi * 8)
+    phase = frequency[..., 0, None, None] * axis[:, None] + frequency[..., 1, None, None] * axis
+    return (phase + 2 * math.pi * waves[..., 2, None, None]).cos().sum(dim=1)
+
+
+def moved(clip: Tensor, pixels: Tensor, resolution: int) -> Tensor:
+    """Clip positions shifted by ``pixels`` = (right, down, growth at a quarter of the image from the centre)."""
+    xy = clip[..., :2] * (1 + pixels[2] * 4 / resolution) + clip[..., 3:] * (pixels[:2] * 2 / resolution)
+    return torch.cat((xy, clip[..., 2:]), dim=-1)
+
+
+def gradient_error(renderer: Renderer, clip: Tensor, faces: Tensor, resolution: int, samples: int = 8) -> float:
+    """Relative L2 error of the silhouette's gradients to (right, down, growth) of smoothly weighted coverage."""
+    topology, weights = build_topology(faces), smooth_weights(4, resolution)
+
+    def coverage(step: Tensor) -> Tensor:
+        size = resolution * samples
+        hard = renderer.rasterize(moved(clip, step, resolution), faces, size, size).covered.to(clip)
+        return torch.nn.functional.avg_pool2d(hard[:, None], samples).squeeze(1)
+
+    truth = torch.stack([coverage(step) - coverage(-step) for step in 0.5 * torch.eye(3, dtype=clip.dtype)])
+    truth = torch.einsum("prij,wij->rwp", truth, weights)
+    step = torch.zeros(3, dtype=clip.dtype, requires_grad=True)
+    found = []
+    for row in clip:
+        mask = renderer.silhouette(moved(row[None], step, resolution), faces, resolution, resolution, topology)[0]
+        sums = (weights * mask).sum(dim=(1, 2))
+        found.append(torch.stack([torch.autograd.grad(total, step, retain_graph=True)[0] for total in sums]))
+    return float((torch.stack(found) - truth).norm() / truth.norm())
+
+
+def measure(resolution: int, cells: int, runs: int) -> dict[str, float | int]:
+    """One row of the table."""
+    verts, faces = animal_surface(cells)
+    clip = project(verts)
+    renderers = {"torch_ms": TorchRenderer(soft_edges=False), "numba_ms": NumbaRenderer(soft_edges=False)}
+    times: dict[str, list[float]] = {name: [] for name in renderers}
+    for run in range(runs + 1):
+        for name, renderer in renderers.items():
+            start = time.perf_counter()
+            training_step(renderer, clip.float(), faces, verts.float(), resolution)
+            if run:  # the first one compiles
+                times[name].append(1e3 * (time.perf_counter() - start))
+    row: dict[str, float | int] = {"resolution": resolution, "triangles": len(faces)}
+    row |= {name: round(statistics.median(values), 2) for name, values in times.items()}
+    row["ratio"] = round(row["torch_ms"] / row["numba_ms"], 2)
+    row["gradient_error"] = round(gradient_error(renderers["numba_ms"], clip, faces, resolution), 4)
+    return row
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    parser.add_argument("--smoke", action="store_true", help="one small case, to see that it runs")
+    parser.add_argument("--full", action="store_true", help="all six cases, 11 runs each")
+    options = parser.parse_args()
+    cases, runs = (SMOKE, 2) if options.smoke else (FULL, 11) if options.full else (DEFAULT, 7)
+    rows = []
+    for resolution, cells in cases:
+        rows.append(measure(resolution, cells, runs))
+        print(json.dumps(rows[-1]))
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()

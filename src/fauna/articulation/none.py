@@ -1,0 +1,23 @@
+"""No articulation."""
+
+from jaxtyping import Float
+from torch import Tensor
+
+from fauna.articulation.base import Articulation
+from fauna.types import Camera, Features, Pose, Skeleton
+
+
+class NoArticulation(Articulation):
+    """Leaves every bone at rest."""
+
+    def forward(
+        self,
+        features: Features,
+        geometry: Float[Tensor, "row geometry_chan"],
+        skeleton: Skeleton,
+        camera: Camera,
+        *,
+        leg_limits: str,
+    ) -> Pose:
+        """All angles zero."""
+        return Pose(geometry.new_zeros(geometry.shape[0], skeleton.starts.shape[1], 3))

@@ -1,0 +1,159 @@
+"""Bone rotations from a transformer over bones (supplement, "Articulation")."""
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from fauna.articulation.base import Articulation
+from fauna.articulation.constraints import angle_limits
+from fauna.errors import FaunaError
+from fauna.geometry.camera import project, transform_points
+from fauna.geometry.skeleton import NUM_BONES
+from fauna.networks import HarmonicEmbedding
+from fauna.types import Camera, Features, Pose, Skeleton
+
+_POSITION_DIM = 8  # image position of the middle, start and end in the camera frame
+
+
+class ArticulationTransformer(Articulation):
+    """One token per bone: photo embedding, local features under the bone, position code; out come three angles.
+
+    Args:
+        geometry_dim: width of the geometry embedding.
+        key_dim: channels of the key map.
+        local_points: places along a bone, 0 = start and 1 = end, at which the key map is sampled.
+        local_dim: width local features are projected to, ``None`` = as they are.
+        normalize_inputs: layer norm on the photo embedding and on the local features.
+        bone_index: the bone's index is ``add``-ed to every input, ``concat``-enated with the position, or ``both``.
+        num_octaves: octaves of the harmonic position code.
+        position_scale: factor that brings camera-frame positions to about [-1, 1], per world unit.
+        camera_distance: nominal distance of the object, world units.
+        hidden_dim: width of the tokens.
+        num_blocks: transformer blocks.
+        num_heads: attention heads.
+        mlp_ratio: hidden width of a block's MLP relative to ``hidden_dim``.
+        output_gain: angles are ``tanh(output_gain * output)`` times their limit.
+        max_angle_deg: largest angle, degrees.
+        body_twist_deg: largest twist of spine bones, degrees.
+    """
+
+    def __init__(
+        self,
+        *,
+        geometry_dim: int,
+        key_dim: int,
+        local_points: Sequence[float],
+        local_dim: int | None,
+        normalize_inputs: bool,
+        bone_index: Literal["add", "concat", "both"],
+        num_octaves: int,
+        position_scale: float,
+        camera_distance: float,
+        hidden_dim: int,
+        num_blocks: int,
+        num_heads: int,
+        mlp_ratio: float,
+        output_gain: float,
+        max_angle_deg: float,
+        body_twist_deg: float,
+    ) -> None:
+        super().__init__()
+        if bone_index not in ("add", "concat", "both"):
+            raise FaunaError(f"articulation.bone_index must be add, concat or both, got {bone_index!r}; choose one")
+        if hidden_dim % num_heads:
+            raise FaunaError(
+                f"articulation.hidden_dim must be a multiple of num_heads, got {hidden_dim} and {num_heads}; change one"
+            )
+        self.bone_index = bone_index
+        self.position_scale = position_scale
+        self.camera_distance = camera_distance
+        self.output_gain = output_gain
+        self.max_angle_deg = max_angle_deg
+        self.body_twist_deg = body_twist_deg
+        local_width = key_dim if local_dim is None else local_dim
+        self.project_local = nn.Identity() if local_dim is None else nn.Linear(key_dim, local_dim, bias=False)
+        self.normalize_global = nn.LayerNorm(geometry_dim) if normalize_inputs else nn.Identity()
+        self.normalize_local = nn.LayerNorm(local_width) if normalize_inputs else nn.Identity()
+        self.embedding = HarmonicEmbedding(num_octaves=num_octaves, base_frequency=0.9 * math.pi)
+        position_width = self.embedding.out_dim(_POSITION_DIM + (bone_index != "add"))
+        token_dim = geometry_dim + local_width * len(local_points) + position_width
+        self.in_layer = nn.Sequential(nn.Linear(token_dim, hidden_dim), nn.GELU(), nn.LayerNorm(hidden_dim))
+        self.blocks = nn.Sequential(*(_Block(hidden_dim, num_heads, mlp_ratio) for _ in range(num_blocks)))
+        self.out_layer = nn.Linear(hidden_dim, 3)
+        self.local_points: Tensor
+        self.index_code: Tensor
+        self.register_buffer("local_points", torch.tensor(list(local_points)), persistent=False)
+        index_code = (torch.arange(NUM_BONES) + 0.5) / NUM_BONES * 2 - 1
+        self.register_buffer("index_code", index_code[:, None], persistent=False)
+
+    def forward(
+        self,
+        features: Features,
+        geometry: Float[Tensor, "row geometry_chan"],
+        skeleton: Skeleton,
+        camera: Camera,
+        *,
+        leg_limits: str,
+    ) -> Pose:
+        """Bone rotations; gradient reaches the geometry embedding and this network only."""
+        camera = Camera(camera.camera_from_world.detach(), camera.clip_from_world.detach())
+        image = self.normalize_global(geometry)[:, None].expand(-1, NUM_BONES, -1)
+        local = self.normalize_local(self.project_local(self.sample_keys(features, skeleton, camera)))
+        position = self.embedding(self.positions(skeleton, camera))
+        tokens = torch.cat((image, local.flatten(2), position), dim=-1)
+        if self.bone_index != "concat":
+            tokens = tokens + self.index_code
+        output = self.out_layer(self.blocks(self.in_layer(tokens)))
+        limits = angle_limits(leg_limits, max_angle_deg=self.max_angle_deg, body_twist_deg=self.body_twist_deg)
+        return Pose(torch.tanh(self.output_gain * output) * limits.to(output))
+
+    @torch.no_grad()
+    def sample_keys(
+        self, features: Features, skeleton: Skeleton, camera: Camera
+    ) -> Float[Tensor, "row bone place chan"]:
+        """Keys under the local points of the rest bones, bilinear, zero outside of the photo.
+
+        A linear projection commutes with bilinear sampling, so keys are sampled first and projected afterwards.
+        """
+        places = torch.lerp(skeleton.starts[:, :, None], skeleton.ends[:, :, None], self.local_points[:, None])
+        ndc = project(places.flatten(1, 2), camera).unflatten(1, places.shape[1:3])
+        sampled = F.grid_sample(features.keys, ndc, mode="bilinear", padding_mode="zeros", align_corners=False)
+        return sampled.permute(0, 2, 3, 1)
+
+    @torch.no_grad()
+    def positions(self, skeleton: Skeleton, camera: Camera) -> Float[Tensor, "row bone position"]:
+        """Image position of the bone's middle, scaled start and end in the camera frame, and the index unless added."""
+        middle = project(0.5 * (skeleton.starts + skeleton.ends), camera)
+        joints = torch.cat((skeleton.starts, skeleton.ends), dim=1)
+        joints = transform_points(joints, camera.camera_from_world[:, :3])
+        joints = (joints + joints.new_tensor((0.0, 0.0, self.camera_distance))) * self.position_scale
+        parts = [middle, *joints.chunk(2, dim=1)]
+        if self.bone_index != "add":
+            parts.append(self.index_code.expand(middle.shape[0], -1, -1))
+        return torch.cat(parts, dim=-1)
+
+
+class _Block(nn.Module):
+    """Pre-norm transformer block without dropout."""
+
+    def __init__(self, dim: int, num_heads: int, mlp_ratio: float) -> None:
+        super().__init__()
+        hidden = int(dim * mlp_ratio)
+        self.num_heads = num_heads
+        self.attention_norm = nn.LayerNorm(dim)
+        self.qkv = nn.Linear(dim, 3 * dim, bias=False)
+        self.merge = nn.Linear(dim, dim)
+        self.mlp_norm = nn.LayerNorm(dim)
+        self.mlp = nn.Sequential(nn.Linear(dim, hidden), nn.GELU(), nn.Linear(hidden, dim))
+
+    def forward(self, tokens: Float[Tensor, "row token dim"]) -> Float[Tensor, "row token dim"]:
+        qkv = self.qkv(self.attention_norm(tokens)).unflatten(-1, (3, self.num_heads, -1))
+        query, key, value = qkv.permute(2, 0, 3, 1, 4)  # each (row, head, token, chan)
+        mixed = F.scaled_dot_product_attention(query, key, value).transpose(1, 2).flatten(2)
+        tokens = tokens + self.merge(mixed)
+        return tokens + self.mlp(self.mlp_norm(tokens))

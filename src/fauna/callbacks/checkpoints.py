@@ -1,0 +1,92 @@
+"""Checkpoints every few steps and minutes, and the final weight file."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+from lightning import Callback, LightningModule, Trainer
+
+from fauna.io.checkpoint import checkpoints, save_checkpoint, save_weights
+from fauna.system import FaunaSystem
+
+
+class Checkpoints(Callback):
+    """Writes ``checkpoints/step=<step>.ckpt`` and, at the end, ``weights.safetensors``.
+
+    Args:
+        folder: of the run.
+        config: the composed configuration as YAML; stored in both.
+        every_steps: steps between two checkpoints.
+        every_minutes: a checkpoint is also written when so much time has passed.
+        keep: so many of the newest are kept.
+        half: weight file in fp16.
+    """
+
+    def __init__(
+        self, *, folder: str, config: str, every_steps: int, every_minutes: float, keep: int, half: bool
+    ) -> None:
+        self.folder = Path(folder)
+        self.config = config
+        self.every_steps = every_steps
+        self.every_minutes = every_minutes
+        self.keep = keep
+        self.half = half
+        self._last = time.monotonic()
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Start the clock."""
+        self._last = time.monotonic()
+
+    def on_train_batch_end(
+        self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
+    ) -> None:
+        """Write when it is time."""
+        late = time.monotonic() - self._last > 60 * self.every_minutes
+        late = trainer.strategy.broadcast(late)
+        if late or trainer.global_step % self.every_steps == 0 or trainer.global_step == trainer.max_steps:
+            self._write(trainer)
+
+    def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Export the weights."""
+        assert isinstance(pl_module, FaunaSystem)
+        if trainer.is_global_zero:
+            save_weights(pl_module.model, self.folder / "weights.safetensors", config=self.config, half=self.half)
+
+    def on_save_checkpoint(self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]) -> None:
+        """What a resume compares and a bare checkpoint needs to be rebuilt."""
+        assert isinstance(pl_module, FaunaSystem)
+        checkpoint["fauna"] = {
+            "config": self.config,
+            "encoder": pl_module.model.encoder.fingerprint,
+            "environment": environment(),
+        }
+
+    def _write(self, trainer: Trainer) -> None:
+        folder = self.folder / "checkpoints"
+        folder.mkdir(parents=True, exist_ok=True)
+        save_checkpoint(trainer, folder / f"step={trainer.global_step:07d}.ckpt")
+        if trainer.is_global_zero:
+            for old in checkpoints(folder)[self.keep :]:
+                old.unlink()
+        self._last = time.monotonic()
+
+
+def environment() -> dict[str, str]:
+    """What bit-for-bit equality of a resumed run depends on."""
+    import platform
+
+    import numba
+    import numpy
+
+    import fauna
+
+    return {
+        "fauna": fauna.__version__,
+        "torch": torch.__version__,
+        "numpy": numpy.__version__,
+        "numba": numba.__version__,
+        "python": platform.python_version(),
+        "machine": f"{platform.machine()} {torch.backends.cpu.get_cpu_capability()}",
+        "threads": str(torch.get_num_threads()),
+    }

@@ -1,0 +1,164 @@
+"""Checks a composed configuration before any work starts; every message names key, expected, received and remedy."""
+
+import collections.abc
+import difflib
+import inspect
+import types
+import typing
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal, Union, get_args, get_origin
+
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from fauna.errors import FaunaError
+
+GIVEN_BY_CODE = ("encoder", "callbacks", "logger", "folder", "config", "schedule", "save_dir")
+"""Constructor arguments that code passes in, or that are components; absent from YAML they are no error."""
+
+FACTS = {
+    "encoder": ("name", "global_dim", "token_dim", "grid_size", "offline_fallback", "replaces"),
+    "bank": ("value_dim",),
+}
+"""Keys of a group that other groups read, or that act before composition; no constructor needs to know them."""
+
+EXAMPLES: dict[Any, str] = {int: "60", float: "0.001", bool: "true", str: "a word"}
+
+
+def validate(cfg: DictConfig) -> None:
+    """Bind every node with a ``_target_`` to the signature of what it names.
+
+    Raises:
+        FaunaError: on the first unknown key, missing key or value of a wrong type.
+    """
+    _check_root(cfg)
+    for path, node in _targets(cfg, ""):
+        _check_node(path, node)
+
+
+def _check_root(cfg: DictConfig) -> None:
+    rules = {"seed": int, "resume": str | None, "out": str, "name": str}
+    for key, expected in rules.items():
+        _check_value(key, _value(cfg, key, key), expected)
+    if cfg.seed < 0:
+        raise FaunaError(f"seed: expected a whole number >= 0, got {cfg.seed}; e.g. seed=0")
+
+
+def _targets(node: Any, path: str) -> Iterator[tuple[str, DictConfig]]:
+    """Every mapping with a ``_target_`` below (and including) ``node``, with its dotted path."""
+    if isinstance(node, DictConfig):
+        if "_target_" in node:
+            yield path, node
+        for key in node:
+            inner = f"{path}.{key}" if path else str(key)
+            if not OmegaConf.is_missing(node, key) and not OmegaConf.is_interpolation(node, key):
+                yield from _targets(node._get_node(key), inner)
+
+
+def _check_node(path: str, node: DictConfig) -> None:
+    try:
+        function = _locate(node._target_)
+    except Exception as error:
+        raise FaunaError(
+            f"{path}._target_: expected an importable class or function, got {node._target_} ({error}); correct the name"
+        ) from error
+    parameters = {
+        name: parameter
+        for name, parameter in inspect.signature(function).parameters.items()
+        if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
+    }
+    open_ended = any(p.kind is p.VAR_KEYWORD for p in inspect.signature(function).parameters.values())
+    hints = _hints(function)
+    for key in node:
+        name = str(key)
+        if name.startswith("_") or (name in FACTS.get(path, ()) and name not in parameters):
+            continue
+        if name not in parameters:
+            if open_ended:
+                continue
+            close = difflib.get_close_matches(name, parameters, n=1)
+            hint = f"did you mean {path}.{close[0]}?" if close else f"known keys: {', '.join(sorted(parameters))}"
+            raise FaunaError(f"{path}.{name}: expected a key of {node._target_}, got an unknown one; {hint}")
+        _check_value(f"{path}.{name}", _value(node, name, f"{path}.{name}"), hints.get(name, Any))
+    for name, parameter in parameters.items():
+        if parameter.default is parameter.empty and name not in node and name not in GIVEN_BY_CODE:
+            raise FaunaError(
+                f"{path}.{name}: expected a value for {node._target_}, got none; add {path}.{name}=... or choose a file of "
+                "the group that has it"
+            )
+
+
+def _locate(target: str) -> Any:
+    from hydra._internal.utils import _locate as locate
+
+    return locate(target)
+
+
+def _hints(function: Any) -> dict[str, Any]:
+    try:
+        return typing.get_type_hints(function.__init__ if inspect.isclass(function) else function)
+    except Exception:
+        return {}
+
+
+def _value(node: DictConfig, key: str, path: str) -> Any:
+    try:
+        value = node[key]
+    except OmegaConfBaseException as error:
+        reason = str(error).splitlines()[0]
+        raise FaunaError(f"{path}: expected a value, got none ({reason}); give it on the command line") from error
+    return OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
+
+
+def _check_value(path: str, value: Any, expected: Any) -> None:
+    if not accepts(expected, value):
+        example = EXAMPLES.get(expected, "")
+        hint = f"e.g. {path}={example}" if example else "see the comments of its YAML file"
+        if get_origin(expected) is Literal:
+            hint = "choose one of them"
+        raise FaunaError(f"{path}: expected {_spell(expected)}, got {value!r} ({type(value).__name__}); {hint}")
+
+
+def accepts(expected: Any, value: Any) -> bool:
+    """Whether a YAML value fits a type annotation; unknown annotations accept everything.
+
+    >>> accepts(int, 3), accepts(int, "abc"), accepts(int, True), accepts(float, 3), accepts(int | None, None)
+    (True, False, False, True, True)
+    """
+    if isinstance(value, Mapping) and "_target_" in value:
+        return True
+    origin = get_origin(expected)
+    if origin in (Union, types.UnionType):
+        return any(accepts(option, value) for option in get_args(expected))
+    if origin is Literal:
+        return value in get_args(expected)
+    if expected is int:
+        return isinstance(value, int) and not isinstance(value, bool)
+    if expected is float:
+        return isinstance(value, (int, float)) and not isinstance(value, bool)
+    if expected in (bool, str):
+        return isinstance(value, expected)
+    if expected is type(None):
+        return value is None
+    if origin in (list, tuple, collections.abc.Sequence):
+        return isinstance(value, (list, tuple)) and _items_fit(get_args(expected), value)
+    if origin in (dict, collections.abc.Mapping):
+        return isinstance(value, Mapping)
+    return True
+
+
+def _items_fit(arguments: tuple[Any, ...], value: Any) -> bool:
+    if not arguments:
+        return True
+    if len(arguments) == 1 or arguments[-1] is Ellipsis:
+        return all(accepts(arguments[0], item) for item in value)
+    return len(arguments) == len(value) and all(map(accepts, arguments, value))
+
+
+def _spell(expected: Any) -> str:
+    if get_origin(expected) is Literal:
+        return "one of " + ", ".join(map(str, get_args(expected)))
+    if get_origin(expected) in (Union, types.UnionType):
+        return " or ".join(_spell(option) for option in get_args(expected))
+    names = {int: "a whole number", float: "a number", bool: "true or false", str: "text", type(None): "null"}
+    return names.get(expected, str(expected).replace("collections.abc.", ""))

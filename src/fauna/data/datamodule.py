@@ -1,0 +1,239 @@
+"""The data module: batches as a pure function of (seed, step), validation photos one by one."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import torch
+from lightning import LightningDataModule
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset, Sampler
+
+from fauna.data.fauna_folder import CategoryPhotos
+from fauna.data.feature_cache import default_cache_root
+from fauna.data.photo_loader import PhotoLoader
+from fauna.data.photos import Photo, screen_photos
+from fauna.data.sources import PhotoCollection
+from fauna.data.species_sampler import SpeciesSampler
+from fauna.data.splits import SplitSize, complete_splits
+from fauna.encoder.base import Encoder
+from fauna.errors import FaunaError
+from fauna.random import derive_seed
+from fauna.types import Batch, Features
+
+Split = Literal["train", "val", "test", "held_out"]
+
+
+class PhotoDataModule(LightningDataModule):
+    """Photos of many species for training, validation and reports.
+
+    Args:
+        encoder: frozen encoder the batches are made for.
+        source: lists the photos.
+        root: dataset folder, as given to the source; ``None`` for sources without one.
+        split: the split that validation and ``fauna-eval`` look at.
+        split_file: where the choice of validation and test photos is stored; ``None`` = the user's cache folder.
+        split_seed: of that choice; independent of the run's seed.
+        val_fraction: share of a species set aside for validation when the dataset has no such split ...
+        val_max: ... and at most so many photos.
+        test_fraction: the same for the test split.
+        test_max: the same.
+        held_out: species never trained on.
+        batch_size: photos of one micro-batch, all of one species.
+        accumulate: micro-batches per optimiser step and process.
+        image_size: render resolution, pixels.
+        flip_probability: of mirroring a photo.
+        valid_margin: strip along the original photo's border that is not trusted, crop widths.
+        on_bad: ``skip`` reads every photo once before training and leaves bad ones out, by name and reason;
+            ``error`` stops at the first bad photo when it is needed.
+        cache_features: keep frozen features on disk.
+        memory_megabytes: budget for decoded photos in memory.
+        fit_photos: training photos that the feature space is fitted on.
+    """
+
+    def __init__(
+        self,
+        *,
+        encoder: Encoder,
+        source: PhotoCollection,
+        root: str | None,
+        split: Split,
+        split_file: str | None,
+        split_seed: int,
+        val_fraction: float,
+        val_max: int,
+        test_fraction: float,
+        test_max: int,
+        held_out: list[str],
+        batch_size: int,
+        accumulate: int,
+        image_size: int,
+        flip_probability: float,
+        valid_margin: float,
+        on_bad: Literal["skip", "error"],
+        cache_features: bool,
+        memory_megabytes: int,
+        fit_photos: int,
+    ) -> None:
+        super().__init__()
+        for key, value in {"batch_size": batch_size, "accumulate": accumulate, "fit_photos": fit_photos}.items():
+            if value < 1:
+                raise FaunaError(f"data.{key}: expected a whole number >= 1, got {value}; e.g. data.{key}=6")
+        self.source = source
+        self.split: Split = split
+        self.split_file = split_file
+        self.split_seed = split_seed
+        self.sizes = SplitSize(val_fraction, val_max), SplitSize(test_fraction, test_max)
+        self.held_out = list(held_out)
+        self.batch_size = batch_size
+        self.accumulate = accumulate
+        self.flip_probability = flip_probability
+        self.on_bad: Literal["skip", "error"] = on_bad
+        self.fit_photos = fit_photos
+        self.loader = PhotoLoader(
+            encoder=encoder,
+            image_size=image_size,
+            valid_margin=valid_margin,
+            cache_features=cache_features,
+            memory_megabytes=memory_megabytes,
+        )
+        self.by_category: dict[str, CategoryPhotos] = {}
+        self.seed = 0
+
+    def prepare(self, *, seed: int, report: Callable[[str], None]) -> None:
+        """List, split and check the photos.
+
+        Args:
+            seed: of the run.
+            report: receives one line about what was found.
+
+        Raises:
+            FaunaError: when the dataset is missing, empty, or (``on_bad=error``) broken.
+        """
+        self.seed = seed
+        path = Path(self.split_file) if self.split_file else default_cache_root() / "splits" / f"{self.source.identity}.json"
+        listed = self.source.categories()
+        if self.on_bad == "skip":
+            listed = {name: self._screened(photos) for name, photos in listed.items()}
+        val, test = self.sizes
+        self.by_category = complete_splits(
+            listed, path=path, seed=self.split_seed, val=val, test=test, held_out=self.held_out
+        )
+        if not self.train_species:
+            raise FaunaError("data: expected at least one species with training photos, got none; check data.held_out")
+        counts = {name: len(self.photos(name)) for name in ("train", "val", "test", "held_out")}
+        described = ", ".join(f"{count} {name}" for name, count in counts.items())
+        report(f"{self.source.identity}: {len(self.train_species)} training species; photos: {described}")
+
+    @property
+    def train_species(self) -> list[str]:
+        """Species with training photos, in the order of the category index."""
+        return [name for name, photos in self.by_category.items() if photos.train]
+
+    def photos(self, split: Split) -> list[Photo]:
+        """Photos of a split, taking turns between species so that any first few are balanced."""
+        if split == "held_out":
+            lists = [self.by_category[name].test for name in self.held_out]
+        else:
+            lists = [getattr(photos, split) for name, photos in self.by_category.items() if name not in self.held_out]
+        longest = max((len(each) for each in lists), default=0)
+        return [each[turn] for turn in range(longest) for each in lists if turn < len(each)]
+
+    def single(self, photo: Photo) -> Batch:
+        """A batch of one photo, as at test time."""
+        species = self.train_species
+        category = species.index(photo.category) if photo.category in species else None
+        return self.loader.batch([photo], [False], category)
+
+    def preview_photos(self, number: int) -> list[Batch]:
+        """Photos of the chosen split (or training photos when it is empty), fixed by the split's order."""
+        chosen = self.photos(self.split) or self.photos("train")
+        return [self.single(photo) for photo in chosen[:number]]
+
+    def feature_samples(self) -> Iterator[tuple[Features, Tensor]]:
+        """Raw features and masks of at most ``fit_photos`` training photos in a seeded order, species taking turns."""
+        photos = self.photos("train")
+        if len(photos) > self.fit_photos:
+            species = len(self.train_species)
+            turns = -(-self.fit_photos // species) * species
+            photos = photos[: max(turns, self.fit_photos)]
+            order = torch.randperm(len(photos), generator=torch.Generator().manual_seed(derive_seed(self.seed, "fit")))
+            photos = [photos[int(place)] for place in order[: self.fit_photos]]
+        for photo in photos:
+            yield self.loader.sample(photo)
+
+    def step_batches(self, step: int, sampler: SpeciesSampler, rank: int) -> list[Batch]:
+        """Micro-batches of one process at one step."""
+        return [self._planned(sampler, step, rank * self.accumulate + place) for place in range(self.accumulate)]
+
+    def train_dataloader(self) -> DataLoader:
+        """One item per step, starting at the trainer's step, so that a resumed run goes on where it stopped."""
+        assert self.trainer is not None
+        trainer = self.trainer
+        pools = [self.by_category[name] for name in self.train_species]
+        sampler = SpeciesSampler(
+            photos_per_category=[len(pool.train) for pool in pools],
+            back_views_per_category=[len(pool.back_views) for pool in pools],
+            batch_size=self.batch_size,
+            micro_batches=self.accumulate * trainer.world_size,
+            flip_probability=self.flip_probability,
+            seed=self.seed,
+        )
+        dataset = _Lookup(lambda step: self.step_batches(step, sampler, trainer.global_rank), trainer.max_steps)
+        steps = _StepsFrom(lambda: trainer.global_step, trainer.max_steps)
+        return DataLoader(dataset, batch_size=None, sampler=steps, num_workers=0)
+
+    def val_dataloader(self) -> DataLoader:
+        """Photos of the chosen split, one a batch."""
+        photos = self.photos(self.split)
+        return DataLoader(_Lookup(lambda place: [self.single(photos[place])], len(photos)), batch_size=None, num_workers=0)
+
+    def transfer_batch_to_device(self, batch: list[Batch], device: torch.device, dataloader_idx: int) -> list[Batch]:
+        """Lightning cannot look into frozen dataclasses."""
+        return [micro.to(device) for micro in batch]
+
+    def _planned(self, sampler: SpeciesSampler, step: int, index: int) -> Batch:
+        plan = sampler.batch(step, index)
+        pool = self.by_category[self.train_species[plan.category]]
+        entries = pool.train + pool.back_views
+        return self.loader.batch([entries[place] for place in plan.photos], plan.flips, plan.category)
+
+    def _screened(self, photos: CategoryPhotos) -> CategoryPhotos:
+        kept = {}
+        for name in ("train", "val", "test", "back_views"):
+            kept[name] = screen_photos(
+                getattr(photos, name),
+                size=self.loader.image_size,
+                valid_margin=self.loader.valid_margin,
+                on_bad=self.on_bad,
+            ).photos
+        return replace(photos, **kept)
+
+
+class _Lookup(Dataset):
+    """A dataset from a function."""
+
+    def __init__(self, function: Callable[[int], list[Batch]], length: int) -> None:
+        self.function = function
+        self.length = length
+
+    def __getitem__(self, index: int) -> list[Batch]:
+        return self.function(index)
+
+    def __len__(self) -> int:
+        return self.length
+
+
+class _StepsFrom(Sampler):
+    """The steps that are still to be done; asked only when iteration begins, after a checkpoint was restored."""
+
+    def __init__(self, start: Callable[[], int], stop: int) -> None:
+        self.start = start
+        self.stop = stop
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(range(self.start(), self.stop))
+
+    def __len__(self) -> int:
+        return self.stop

@@ -1,0 +1,250 @@
+"""Photos: what a data source must offer, and how a photo becomes tensors."""
+
+import hashlib
+import json
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, UInt8
+from PIL import Image
+from torch import Tensor
+
+from fauna.data.crop_box import CropBox, read_box, valid_mask
+from fauna.errors import FaunaError
+
+MASK_THRESHOLD = 127  # 8-bit mask values above it are foreground; robust to JPEG masks
+
+
+@dataclass(frozen=True)
+class RawPhoto:
+    """A decoded, square crop around one animal.
+
+    Attributes:
+        image: (side, side, 3) 8-bit RGB, background kept.
+        mask: (side, side) True on the animal.
+        box: window of the crop in the original photo, if known.
+        keypoints: (key, 3) x, y in crop pixels (0 is the left or top edge) and 1 where annotated, if known.
+    """
+
+    image: UInt8[np.ndarray, "side side 3"]
+    mask: Bool[np.ndarray, "side side"]
+    box: CropBox | None
+    keypoints: Float[np.ndarray, "key 3"] | None
+
+
+class PhotoSource(ABC):
+    """Something a photo can be read from. Implementations are frozen dataclasses (hashable)."""
+
+    @abstractmethod
+    def read(self) -> RawPhoto:
+        """Decode or generate the photo; raises FaunaError when it cannot be used."""
+
+    @abstractmethod
+    def content_key(self) -> str:
+        """Hexadecimal digest that changes whenever the picture changes; the feature cache's key."""
+
+
+@dataclass(frozen=True)
+class Photo:
+    """One crop of a data set.
+
+    Attributes:
+        name: unique within the data set, for messages, reports and split files.
+        category: species.
+        photograph: the original photograph; all crops of one photograph go to the same split.
+        source: where the pixels come from.
+        feature_map: published ``feat16.png`` of the photo, if any.
+    """
+
+    name: str
+    category: str
+    photograph: str
+    source: PhotoSource
+    feature_map: Path | None = None
+
+
+@dataclass(frozen=True)
+class LoadedPhoto:
+    """A photo at a chosen resolution.
+
+    Attributes:
+        image: (3, size, size) in [0, 1].
+        mask: (size, size) 0 or 1.
+        valid: (size, size) 1 where the pixel comes from inside the original photo.
+        keypoints: (key, 3) NDC x, y (y down) and 1 where annotated, or ``None``.
+    """
+
+    image: Float[Tensor, "3 size size"]
+    mask: Float[Tensor, "size size"]
+    valid: Float[Tensor, "size size"]
+    keypoints: Float[Tensor, "key 3"] | None
+
+
+@dataclass(frozen=True)
+class FileSource(PhotoSource):
+    """A crop stored as files.
+
+    Attributes:
+        image: ``.jpg`` or ``.png``.
+        mask: 8-bit, first channel counts, above 127 is foreground.
+        box: ``box.txt``, optional.
+        keypoints: JSON ``{"keypoints": [[x, y, annotated], ...]}`` in crop pixels, optional.
+    """
+
+    image: Path
+    mask: Path
+    box: Path | None = None
+    keypoints: Path | None = None
+
+    def read(self) -> RawPhoto:
+        """Decode and check all files.
+
+        Raises:
+            FaunaError: for a missing or broken file, a crop that is not square, sizes that differ, or an empty mask.
+        """
+        image = _decode(self.image, "RGB")
+        mask_values = _decode(self.mask, None)
+        mask_values = mask_values if mask_values.ndim == 2 else mask_values[..., 0]
+        height, width = image.shape[:2]
+        if height != width:
+            raise FaunaError(f"{self.image} expects a square crop, got {width}x{height}; crop it around the animal")
+        if mask_values.shape != (height, width):
+            mask_height, mask_width = mask_values.shape
+            raise FaunaError(
+                f"{self.mask} expects the image's size {width}x{height}, got {mask_width}x{mask_height}; remake it"
+            )
+        mask = mask_values.astype(np.int64) > MASK_THRESHOLD
+        if not mask.any():
+            raise FaunaError(
+                f"{self.mask} expects foreground (values above {MASK_THRESHOLD}), got a largest value of {mask_values.max()}; remake it"
+            )
+        box = read_box(self.box) if self.box is not None else None
+        return RawPhoto(image, mask, box, _read_keypoints(self.keypoints) if self.keypoints is not None else None)
+
+    def content_key(self) -> str:
+        """Digest of the image file's bytes."""
+        try:
+            return hashlib.blake2b(self.image.read_bytes(), digest_size=16).hexdigest()
+        except OSError as error:
+            raise FaunaError(f"{self.image} expects a readable image, got {error.strerror}; restore it") from error
+
+
+def load_photo(photo: Photo, *, size: int, valid_margin: float) -> LoadedPhoto:
+    """Read a photo and bring it to ``size`` pixels.
+
+    Args:
+        photo: the photo.
+        size: side of the result, pixels.
+        valid_margin: untrusted strip along the border of the original photo, crop widths (2 % in 3D-Fauna).
+
+    Raises:
+        FaunaError: if the photo cannot be used; the message names the file.
+    """
+    raw = photo.source.read()
+    mask = resize_mask(raw.mask, size)
+    if not bool(mask.any()):
+        raise FaunaError(
+            f"photo {photo.name} expects a visible animal, got none left of its mask at {size} px; leave it out"
+        )
+    keypoints = None
+    if raw.keypoints is not None:
+        keypoints = torch.from_numpy(raw.keypoints).float()
+        keypoints[:, :2] = keypoints[:, :2] * (2.0 / raw.image.shape[1]) - 1.0
+    valid = valid_mask(raw.box, size=size, margin=valid_margin)
+    return LoadedPhoto(resize_image(raw.image, size), mask, valid, keypoints)
+
+
+def resize_image(image: UInt8[np.ndarray, "height width 3"], size: int) -> Float[Tensor, "3 size size"]:
+    """Bilinear when enlarging, triangle-filtered when shrinking; rounded to 8 bits; values in [0, 1]."""
+    resized = Image.fromarray(image).resize((size, size), Image.Resampling.BILINEAR)
+    return torch.from_numpy(np.array(resized)).permute(2, 0, 1).contiguous().float() / 255.0
+
+
+def resize_mask(mask: Bool[np.ndarray, "height width"], size: int) -> Float[Tensor, "size size"]:
+    """1 where more than half of a pixel's area is foreground."""
+    coverage = Image.fromarray(mask.astype(np.float32)).resize((size, size), Image.Resampling.BOX)
+    return torch.from_numpy((np.array(coverage) > 0.5).astype(np.float32))
+
+
+@dataclass(frozen=True)
+class Screening:
+    """Result of :func:`screen_photos`.
+
+    Attributes:
+        photos: the usable photos, in their order.
+        rejected: (name, reason) of the others.
+    """
+
+    photos: tuple[Photo, ...]
+    rejected: tuple[tuple[str, str], ...]
+
+
+def screen_photos(
+    photos: Sequence[Photo], *, size: int, valid_margin: float, on_bad: Literal["skip", "error"]
+) -> Screening:
+    """Read every photo once, so that no bad file can interrupt or silently change a training run.
+
+    Args:
+        photos: the photos to check.
+        size: resolution at which masks must not vanish, pixels.
+        valid_margin: see :func:`load_photo`.
+        on_bad: ``"error"`` raises for the first bad photo; ``"skip"`` leaves bad ones out and warns once with their names.
+
+    Raises:
+        FaunaError: for a bad photo under ``"error"``, and when no photo is left.
+    """
+    good: list[Photo] = []
+    rejected: list[tuple[str, str]] = []
+    for photo in photos:
+        try:
+            load_photo(photo, size=size, valid_margin=valid_margin)
+        except FaunaError as error:
+            if on_bad == "error":
+                raise
+            rejected.append((photo.name, str(error)))
+        else:
+            good.append(photo)
+    if photos and not good:
+        raise FaunaError(
+            f"expected at least one usable photo of {len(photos)}, got none; first problem: {rejected[0][1]}"
+        )
+    if rejected:
+        names = ", ".join(name for name, _ in rejected[:5]) + (", ..." if len(rejected) > 5 else "")
+        warnings.warn(
+            f"skipped {len(rejected)} of {len(photos)} photos ({names}); first problem: {rejected[0][1]}",
+            UserWarning,
+            stacklevel=2,
+        )
+    return Screening(tuple(good), tuple(rejected))
+
+
+def _decode(path: Path, mode: str | None) -> np.ndarray:
+    """Pixels of an image file as an array, converted to ``mode`` if given."""
+    try:
+        with Image.open(path) as picture:
+            if mode is None and picture.mode == "P":
+                mode = "L"
+            return np.array(picture.convert(mode) if mode else picture)
+    except FileNotFoundError as error:
+        raise FaunaError(f"{path} expects an image file, got nothing there; add it or leave the photo out") from error
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        reason = " ".join(str(error).split())
+        raise FaunaError(f"{path} expects a readable image, got a broken one ({reason}); replace it") from error
+
+
+def _read_keypoints(path: Path) -> Float[np.ndarray, "key 3"]:
+    try:
+        points = np.array(json.loads(path.read_text(encoding="utf-8"))["keypoints"], dtype=np.float64)
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FaunaError(
+            f'{path} expects {{"keypoints": [[x, y, annotated], ...]}}, got {error}; mend or remove it'
+        ) from error
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise FaunaError(f"{path} expects (key, 3) keypoints, got shape {points.shape}; mend or remove it")
+    return points

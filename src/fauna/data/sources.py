@@ -1,0 +1,172 @@
+"""Data sources: what ``data=zoo`` and ``data=fauna`` have in common is that they list photos per species."""
+
+import hashlib
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from fauna.data.crop_box import CropBox
+from fauna.data.fauna_folder import CategoryPhotos, read_fauna_folder
+from fauna.data.feature_cache import default_cache_root, write_atomically
+from fauna.data.photos import Photo, PhotoSource, RawPhoto
+from fauna.errors import FaunaError
+
+
+class PhotoCollection(ABC):
+    """Lists the photos of a dataset without opening them."""
+
+    @abstractmethod
+    def categories(self) -> dict[str, CategoryPhotos]:
+        """Photos per species; raises FaunaError when there are none."""
+
+    @property
+    @abstractmethod
+    def identity(self) -> str:
+        """Names the dataset, e.g. in the default place of its split file."""
+
+
+class FaunaFolder(PhotoCollection):
+    """Crops stored as files.
+
+    Args:
+        root: dataset folder, see :mod:`fauna.data.fauna_folder`.
+        photograph_pattern: how a stem names the photograph it was cropped from.
+    """
+
+    def __init__(self, *, root: str | None, photograph_pattern: str) -> None:
+        if root is None:
+            raise FaunaError(
+                "data.root: expected a dataset folder with <species>/train/<name>_rgb.jpg and <name>_mask.png, got none; "
+                "give data.root=FOLDER (how to prepare one: docs/data.md), or use data=zoo, which runs at once"
+            )
+        self.root = Path(root).expanduser()
+        self.photograph_pattern = photograph_pattern
+
+    def categories(self) -> dict[str, CategoryPhotos]:
+        """Photos per species."""
+        return read_fauna_folder(self.root, photograph_pattern=self.photograph_pattern)
+
+    @property
+    def identity(self) -> str:
+        """Folder name and a digest of its full path."""
+        digest = hashlib.blake2b(str(self.root.resolve()).encode(), digest_size=6).hexdigest()
+        return f"{self.root.resolve().name}-{digest}"
+
+
+class ZooPhotos(PhotoCollection):
+    """The procedural animals of :mod:`fauna.zoo`, drawn when first needed and kept on disk.
+
+    Args:
+        seed: of the animals and their photographs.
+        photos_per_species: number of photographs of each species.
+        image_size: side of a crop, pixels.
+        species: the species to use, ``None`` = all.
+    """
+
+    def __init__(self, *, seed: int, photos_per_species: int, image_size: int, species: list[str] | None) -> None:
+        from fauna.zoo import SPECIES
+
+        unknown = sorted(set(species or ()) - set(SPECIES))
+        if unknown:
+            raise FaunaError(f"data.source.species: expected names among {', '.join(SPECIES)}, got {unknown}")
+        self.seed = seed
+        self.photos_per_species = photos_per_species
+        self.image_size = image_size
+        self.species = tuple(species or SPECIES)
+
+    def categories(self) -> dict[str, CategoryPhotos]:
+        """Photos per species; all photographs of one individual share a ``photograph``, so splits are by individual."""
+        zoo = _zoo(self.seed, self.image_size)
+        found = {}
+        for species in sorted(self.species):
+            photos = tuple(
+                Photo(
+                    name=f"{species}/{index:05d}",
+                    category=species,
+                    photograph=f"{species}/individual-{zoo.individual(species, index)}",
+                    source=ZooSource(self.seed, self.image_size, species, index),
+                )
+                for index in range(self.photos_per_species)
+            )
+            found[species] = CategoryPhotos(species, train=photos)
+        return found
+
+    @property
+    def identity(self) -> str:
+        """Seed and sizes."""
+        return f"zoo-{self.seed}-{self.image_size}-{self.photos_per_species}-{len(self.species)}"
+
+
+@dataclass(frozen=True)
+class ZooSource(PhotoSource):
+    """One photograph of the zoo.
+
+    Attributes:
+        seed: of the zoo.
+        image_size: side of the crop, pixels.
+        species: name.
+        index: of the photograph.
+    """
+
+    seed: int
+    image_size: int
+    species: str
+    index: int
+
+    def read(self) -> RawPhoto:
+        """From the cache, or drawn and then cached."""
+        path = self._path()
+        if path.is_file():
+            try:
+                with Image.open(path) as picture:
+                    rgba = np.array(picture)
+                    box = CropBox(**{k: float(picture.info[k]) for k in CropBox.__dataclass_fields__})  # type: ignore[arg-type]
+                return RawPhoto(np.ascontiguousarray(rgba[..., :3]), rgba[..., 3] > 127, box, None)
+            except (OSError, KeyError, ValueError, SyntaxError):
+                path.unlink(missing_ok=True)  # damaged: drawn again
+        return self._draw(path)
+
+    def content_key(self) -> str:
+        """Digest of the seed, the photograph's place in the zoo and the code that draws it."""
+        text = f"zoo|{zoo_digest()}|{self.seed}|{self.image_size}|{self.species}|{self.index}"
+        return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+    def _path(self) -> Path:
+        key = self.content_key()
+        return default_cache_root() / "zoo" / key[:2] / f"{key}.png"
+
+    def _draw(self, path: Path) -> RawPhoto:
+        import io
+
+        from PIL.PngImagePlugin import PngInfo
+
+        sample = _zoo(self.seed, self.image_size).sample(self.species, self.index)
+        box = CropBox(*(float(number) for number in sample.box))
+        notes = PngInfo()
+        for name in CropBox.__dataclass_fields__:
+            notes.add_text(name, str(getattr(box, name)))
+        buffer = io.BytesIO()
+        Image.fromarray(np.dstack([sample.image, sample.mask])).save(buffer, format="PNG", pnginfo=notes, compress_level=1)
+        write_atomically(path, buffer.getvalue())
+        return RawPhoto(sample.image, sample.mask > 127, box, None)
+
+
+@lru_cache(maxsize=1)
+def zoo_digest() -> str:
+    """Digest of the code that draws the zoo: pictures and features made by other code are never taken for its own."""
+    import fauna.zoo
+
+    folder = Path(fauna.zoo.__file__).parent
+    files = [*sorted(folder.glob("*.py")), *sorted((folder.parent / "kernels").glob("zoo_*.py"))]
+    return hashlib.blake2b(b"".join(file.read_bytes() for file in files), digest_size=8).hexdigest()
+
+
+@lru_cache(maxsize=4)
+def _zoo(seed: int, image_size: int):  # noqa: ANN202
+    from fauna.zoo import Zoo
+
+    return Zoo(seed=seed, image_size=image_size)

@@ -1,0 +1,36 @@
+"""The rig: how rest bones are placed and how they carry the surface."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from fauna.geometry.skeleton import SkeletonOptions, rest_skeleton
+from fauna.geometry.skinning import bone_transforms, posed_bones, skin, skinning_weights
+from fauna.types import BaseShape, InstanceShape, Pose, PosedMesh, Skeleton
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Choices of skeleton and skinning (supplement, "Adaptive Bone Topology" and "Skinning Weights").
+
+    Attributes:
+        skeleton: how joints are found on the rest mesh.
+        skin_temperature: tau_s of the softmax over bones, world units (or their square).
+        skin_distance: ``squared`` point-to-bone distance (paper) or ``euclidean`` (published code).
+    """
+
+    skeleton: SkeletonOptions
+    skin_temperature: float
+    skin_distance: Literal["euclidean", "squared"]
+
+    def rest(self, instance: InstanceShape, *, legs_attached: bool) -> Skeleton:
+        """Rest bones of each instance, without gradient."""
+        return rest_skeleton(instance.verts.detach(), options=self.skeleton, legs_attached=legs_attached)
+
+    def pose(self, base: BaseShape, instance: InstanceShape, skeleton: Skeleton, pose: Pose) -> PosedMesh:
+        """Linear blend skinning of each row; ``instance`` and ``skeleton`` have one entry per row, or one for all."""
+        weights = skinning_weights(
+            instance.verts.detach(), skeleton, temperature=self.skin_temperature, distance=self.skin_distance
+        )
+        transforms = bone_transforms(skeleton, pose.angles)
+        starts, ends = posed_bones(skeleton, transforms)
+        return PosedMesh(skin(instance.verts, weights, transforms), base.faces, base.verts, starts, ends)

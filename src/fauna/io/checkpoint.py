@@ -1,0 +1,140 @@
+"""Checkpoints (everything, to resume) and weight files (safetensors, to use); written atomically, read strictly."""
+
+import json
+import logging
+import os
+from pathlib import Path
+from typing import Any
+
+import torch
+from lightning import Trainer
+from omegaconf import OmegaConf
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import load_file, save_file
+
+import fauna
+from fauna.errors import FaunaError
+from fauna.model import FaunaModel
+from fauna.stages import Stage
+
+log = logging.getLogger(__name__)
+
+
+def save_checkpoint(trainer: Trainer, path: Path) -> None:
+    """Write a Lightning checkpoint so that ``path`` is either absent, the old file or the complete new one."""
+    partial = path.with_suffix(".partial")
+    trainer.save_checkpoint(partial)
+    if trainer.is_global_zero:
+        with partial.open("rb") as handle:
+            os.fsync(handle.fileno())
+        os.replace(partial, path)
+
+
+def checkpoints(folder: Path) -> list[Path]:
+    """Checkpoints of a run, newest step first."""
+    return sorted(folder.glob("step=*.ckpt"), reverse=True)
+
+
+def newest_checkpoint(folder: Path) -> Path | None:
+    """The newest checkpoint that can be read; a damaged one is reported and passed over.
+
+    Raises:
+        FaunaError: when there are checkpoints but none can be read.
+    """
+    found = checkpoints(folder)
+    for path in found:
+        try:
+            torch.load(path, map_location="cpu", weights_only=True, mmap=True)
+        except Exception as error:  # a torn file raises anything from EOFError to UnpicklingError
+            log.warning("checkpoint %s is damaged (%s); falling back to the one before", path, type(error).__name__)
+        else:
+            return path
+    if found:
+        raise FaunaError(f"resume expected a readable checkpoint in {folder}, got only damaged ones; start a new out=")
+    return None
+
+
+def save_weights(model: FaunaModel, path: Path, *, config: str, half: bool) -> None:
+    """Write the model (encoder excluded) as safetensors; metadata holds config, stage and versions."""
+    state = {name: value for name, value in model.state_dict().items() if isinstance(value, torch.Tensor)}
+    tensors = {
+        name: (value.half() if half and value.is_floating_point() else value).contiguous().clone()
+        for name, value in state.items()
+    }
+    metadata = {
+        "config": config,
+        "stage": json.dumps(model.stage.state()),
+        "fauna": fauna.__version__,
+        "encoder": model.encoder.fingerprint,
+    }
+    partial = path.with_suffix(".partial")
+    save_file(tensors, partial, metadata=metadata)
+    os.replace(partial, path)
+
+
+def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+    """Tensors (float32) and metadata ``config`` (plain containers), ``stage``, ``encoder`` of a weight file or checkpoint.
+
+    Raises:
+        FaunaError: when the file is missing or is neither.
+    """
+    if not path.is_file():
+        raise FaunaError(f"expected a weight file or checkpoint, got {path}, which does not exist; check the path")
+    try:
+        if path.suffix == ".safetensors":
+            with safe_open(path, framework="pt") as handle:
+                raw = handle.metadata() or {}
+            tensors = {name: _full(value) for name, value in load_file(path).items()}
+            metadata = {
+                "config": OmegaConf.to_container(OmegaConf.create(raw["config"])),
+                "stage": Stage.from_state(json.loads(raw["stage"])),
+                "encoder": raw["encoder"],
+            }
+            return tensors, metadata
+        state = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
+        prefixed = {key.removeprefix("model."): v for key, v in state["state_dict"].items() if key.startswith("model.")}
+        stage = Stage.from_state(prefixed.pop("_extra_state")["stage"])
+        metadata = {
+            "config": OmegaConf.to_container(OmegaConf.create(state["fauna"]["config"])),
+            "stage": stage,
+            "encoder": state["fauna"]["encoder"],
+        }
+    except (SafetensorError, KeyError, RuntimeError, EOFError, OSError, ValueError) as error:
+        raise FaunaError(
+            f"expected fauna weights (.safetensors) or a checkpoint (.ckpt), got {path} ({type(error).__name__}); "
+            "the file is damaged or of another program"
+        ) from error
+    return prefixed, metadata
+
+
+def load_weights(model: FaunaModel, path: Path, components: list[str] | None = None) -> dict[str, Any]:
+    """Load all parts of a model, or only some of its ``components``, and take over the file's stage.
+
+    Raises:
+        FaunaError: when names or shapes do not fit, naming the first that does not.
+    """
+    tensors, metadata = read_weights(path)
+    wanted = {name: v for name, v in model.state_dict().items() if isinstance(v, torch.Tensor)}
+    if components is not None:
+        unknown = [part for part in components if not any(name.startswith(f"{part}.") for name in tensors)]
+        if unknown:
+            have = sorted({name.split(".")[0] for name in tensors})
+            raise FaunaError(f"init_from.components expected parts among {have}, got {unknown}; correct the list")
+        keep = tuple(f"{part}." for part in components)
+        wanted = {name: value for name, value in wanted.items() if name.startswith(keep)}
+        tensors = {name: value for name, value in tensors.items() if name.startswith(keep)}
+    for name in sorted(wanted.keys() ^ tensors.keys()):
+        where = "the model but not in the file" if name in wanted else "the file but not in the model"
+        raise FaunaError(f"expected weights of the same model, got {name} in {where}; compose the same experiment")
+    for name, value in wanted.items():
+        if value.shape != tensors[name].shape:
+            raise FaunaError(
+                f"expected {name} of shape {tuple(value.shape)}, got {tuple(tensors[name].shape)} in {path}; "
+                "compose the same experiment"
+            )
+    model.load_state_dict({**tensors, "_extra_state": {"stage": metadata["stage"].state()}}, strict=components is None)
+    return metadata
+
+
+def _full(value: torch.Tensor) -> torch.Tensor:
+    return value.float() if value.dtype == torch.float16 else value

@@ -1,0 +1,1 @@
+"""Every loss term of the paper, one name each: see ``objective.TERMS``."""

@@ -1,0 +1,199 @@
+"""The model. ``FaunaModel.forward`` is the data flow of the paper, one line per stage."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from fauna.appearance.base import Appearance
+from fauna.articulation.base import Articulation
+from fauna.bank.base import Bank
+from fauna.deformation.base import Deformation
+from fauna.encoder.base import Encoder
+from fauna.encoder.embedder import ImageEmbedder
+from fauna.encoder.feature_space import FeatureSpace
+from fauna.geometry.rig import Rig
+from fauna.random import Draws
+from fauna.renderer.base import Renderer
+from fauna.renderer.deferred import FeatureLookup, render
+from fauna.shape.base import Shape
+from fauna.stages import Stage
+from fauna.types import (
+    BankReadout,
+    BaseShape,
+    Batch,
+    Camera,
+    Features,
+    ImageEmbedding,
+    InstanceShape,
+    Pose,
+    PosedMesh,
+    Reconstruction,
+    Selection,
+    Skeleton,
+)
+from fauna.viewpoint.network import ViewpointNetwork
+from fauna.viewpoint.selection import best, camera_for, select
+
+
+class FaunaModel(nn.Module):
+    """Photo -> features -> bank -> base shape -> instance -> skeleton and pose -> skinning -> appearance -> images.
+
+    The parts are given, not built, so that any of them can be exchanged. ``stage`` says which of them take part; it is
+    saved with the weights, because a model evaluated in another stage than it was trained in gives nonsense.
+
+    Args:
+        encoder: frozen image encoder; its weights are never saved with the model.
+        feature_space: statistics and PCA basis of the training set's features.
+        bank: query -> shape code.
+        embedder: features -> learned image embeddings.
+        viewpoint: features -> viewpoint hypotheses.
+        shape: shape code -> base mesh.
+        deformation: instance offsets.
+        rig: skeleton heuristic and skinning.
+        articulation: bone angles.
+        appearance: albedo, light and feature field.
+        renderer: rasteriser backend.
+        camera: ``fov_deg`` and ``distance`` (world units) of the pinhole camera.
+        feature_lookup: evaluate the feature field at mesh ``vertices`` or at covered ``pixels``.
+    """
+
+    def __init__(
+        self,
+        *,
+        encoder: Encoder,
+        feature_space: FeatureSpace,
+        bank: Bank,
+        embedder: ImageEmbedder,
+        viewpoint: ViewpointNetwork,
+        shape: Shape,
+        deformation: Deformation,
+        rig: Rig,
+        articulation: Articulation,
+        appearance: Appearance,
+        renderer: Renderer,
+        camera: Mapping[str, float],
+        feature_lookup: FeatureLookup,
+    ) -> None:
+        super().__init__()
+        self.encoder = encoder
+        self.feature_space = feature_space
+        self.bank = bank
+        self.embedder = embedder
+        self.viewpoint = viewpoint
+        self.shape = shape
+        self.deformation = deformation
+        self.rig = rig
+        self.articulation = articulation
+        self.appearance = appearance
+        self.renderer = renderer
+        self.camera = dict(camera)
+        self.feature_lookup: FeatureLookup = feature_lookup
+        self.stage = Stage()
+
+    def forward(self, batch: Batch, draws: Draws | None = None) -> Reconstruction:
+        """Reconstruct and render every photo of the batch with one shared base shape.
+
+        Args:
+            batch: photos of one species.
+            draws: random draws of a training step; ``None`` reconstructs without lattice jitter and with the most
+                likely viewpoint of each photo.
+        """
+        features = self.feature_space.normalize(self.encode(batch))
+        readout = self.bank(features.global_, batch.category)
+        code = readout.embedding.mean(dim=0)
+        base = self.shape(code, None if draws is None else draws.generator("lattice_jitter"))
+        embedding = self.embedder(features)
+        hypotheses = self.viewpoint(features, temperature=self.stage.temperature, elevation=self.stage.elevation)
+        selection = best(hypotheses) if draws is None else self._select(hypotheses, draws)
+        camera = camera_for(hypotheses, selection, fov_deg=self.camera["fov_deg"], distance=self.camera["distance"])
+        instance = self.deform(base, embedding)
+        skeleton, pose, posed = self.articulate(base, instance, features, embedding, selection, camera)
+        rows = embedding.rows(selection.photo)
+        light = self.appearance.light(rows.texture)
+        renders = render(
+            self.renderer,
+            posed,
+            camera,
+            (batch.images.shape[-2], batch.images.shape[-1]),
+            appearance=self.appearance,
+            texture=rows.texture,
+            code=code,
+            light=light,
+            feature_lookup=self.feature_lookup,
+        )
+        return Reconstruction(
+            readout, code, base, instance, hypotheses, selection, camera, posed, renders, light, skeleton, pose
+        )
+
+    def encode(self, batch: Batch) -> Features:
+        """Frozen features, from the cache that filled the batch or by the encoder."""
+        if batch.features is not None:
+            return batch.features
+        assert batch.encoder_images is not None, "a batch carries features or encoder_images"
+        return self.encoder(batch.encoder_images)
+
+    @torch.no_grad()
+    def feature_targets(self, batch: Batch) -> Float[Tensor, "batch chan grid_height grid_width"]:
+        """PCA feature maps in [0, 1] that the rendered features are compared with."""
+        if batch.feature_targets is not None:
+            return batch.feature_targets
+        return self.feature_space.targets(self.encode(batch))
+
+    def deform(self, base: BaseShape, embedding: ImageEmbedding) -> InstanceShape:
+        """Instance offsets, or the base itself while deformation is off."""
+        if not self.stage.deformation:
+            return InstanceShape(base.verts[None])
+        return self.deformation(base, embedding.geometry)
+
+    def articulate(
+        self,
+        base: BaseShape,
+        instance: InstanceShape,
+        features: Features,
+        embedding: ImageEmbedding,
+        selection: Selection,
+        camera: Camera,
+    ) -> tuple[Skeleton | None, Pose | None, PosedMesh]:
+        """Rest bones, their predicted angles and the skinned mesh of each row; the rest mesh while articulation is off."""
+        photo = selection.photo
+        per_row = instance if instance.verts.shape[0] == 1 else InstanceShape(instance.verts[photo])
+        if not self.stage.articulation:
+            verts = per_row.verts.expand(photo.shape[0], -1, -1)
+            return None, None, PosedMesh(verts, base.faces, base.verts)
+        skeleton = self.rig.rest(instance, legs_attached=self.stage.legs_attached)
+        bones = skeleton if skeleton.starts.shape[0] == 1 else skeleton.rows(photo)
+        pose = self.articulation(
+            features.rows(photo), embedding.geometry[photo], bones, camera, leg_limits=self.stage.leg_limits
+        )
+        return skeleton, pose, self.rig.pose(base, per_row, bones, pose)
+
+    def read_bank(self, batch: Batch) -> BankReadout:
+        """Only the bank's answer, for reports."""
+        return self.bank(self.feature_space.normalize(self.encode(batch)).global_, batch.category)
+
+    def set_stage(self, stage: Stage) -> None:
+        """Switch parts on or off; called by the schedule callback and when weights are loaded."""
+        self.stage = stage
+        if stage.grid_resolution is not None:
+            self.shape.set_resolution(stage.grid_resolution)
+
+    def get_extra_state(self) -> dict[str, Any]:
+        """The stage travels with the weights."""
+        return {"stage": self.stage.state()}
+
+    def set_extra_state(self, state: dict[str, Any]) -> None:
+        """Restore the stage a set of weights was trained in."""
+        self.set_stage(Stage.from_state(state["stage"]))
+
+    def _select(self, hypotheses: Any, draws: Draws) -> Selection:
+        return select(
+            hypotheses,
+            mode=self.stage.hypotheses,
+            uniform_mix=self.stage.uniform_mix,
+            best_fraction=self.stage.best_fraction,
+            generator=draws.generator("hypothesis"),
+        )
+

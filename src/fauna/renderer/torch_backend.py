@@ -1,0 +1,184 @@
+"""The readable reference backend: vectorised torch, any device with float64."""
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from fauna.renderer.base import Renderer, check_attributes, check_mesh
+from fauna.renderer.edges import blend, blend_weights, find_crossings
+from fauna.renderer.projection import to_screen
+from fauna.types import Fragments, Topology
+
+MIN_AREA2 = 2.0**-20  # twice the area in px^2 below which a triangle is treated as seen edge-on
+CHUNK = 1 << 22  # pixel centres tested at a time: bounds the memory when triangles are large
+
+
+class TorchRenderer(Renderer):
+    """Rasteriser in plain torch operations."""
+
+    def rasterize(
+        self, clip_verts: Float[Tensor, "row vert 4"], faces: Int[Tensor, "face 3"], height: int, width: int
+    ) -> Fragments:
+        """See :meth:`Renderer.rasterize`."""
+        check_mesh(clip_verts, faces, height, width)
+        face_index, depth = nearest_faces(clip_verts, faces, height, width)
+        return Fragments(face_index, barycentrics(clip_verts, faces, face_index), depth.to(clip_verts.dtype))
+
+    def interpolate(
+        self,
+        fragments: Fragments,
+        faces: Int[Tensor, "face 3"],
+        attributes: Float[Tensor, "row_or_1 vert chan"],
+    ) -> Float[Tensor, "row chan height width"]:
+        """See :meth:`Renderer.interpolate`."""
+        rows, height, width = fragments.face_index.shape
+        pixels = fragments.covered.reshape(-1).nonzero().squeeze(1)
+        values = self.interpolate_at(fragments, faces, attributes, pixels)
+        image = values.new_zeros(rows * height * width, values.shape[1]).index_copy(0, pixels, values)
+        return image.reshape(rows, height, width, -1).movedim(-1, 1).contiguous()
+
+    def interpolate_at(
+        self,
+        fragments: Fragments,
+        faces: Int[Tensor, "face 3"],
+        attributes: Float[Tensor, "row_or_1 vert chan"],
+        pixels: Int[Tensor, " pixel"],
+    ) -> Float[Tensor, "pixel chan"]:
+        """See :meth:`Renderer.interpolate_at`."""
+        attributes = check_attributes(fragments, faces, attributes)
+        sets, verts, channels = attributes.shape
+        face = fragments.face_index.reshape(-1)[pixels]
+        weights = fragments.barycentrics.reshape(-1, 3).index_select(0, pixels)
+        if not len(faces):
+            return weights.new_zeros(len(pixels), channels)
+        row = (pixels // fragments.face_index[0].numel()).clamp(max=sets - 1)
+        corners = faces[face.clamp(min=0)] + (row * verts)[:, None]  # (pixel, 3); background has weights 0
+        values = attributes.reshape(-1, channels).index_select(0, corners.reshape(-1)).reshape(-1, 3, channels)
+        return (weights[..., None] * values).sum(dim=1)
+
+    def antialias(
+        self,
+        image: Float[Tensor, "row chan height width"],
+        fragments: Fragments,
+        clip_verts: Float[Tensor, "row vert 4"],
+        faces: Int[Tensor, "face 3"],
+        topology: Topology,
+    ) -> Float[Tensor, "row chan height width"]:
+        """See :meth:`Renderer.antialias`."""
+        crossings = find_crossings(clip_verts, faces, topology, fragments.covered, fragments.depth, self.soft_edges)
+        height, width = image.shape[-2:]
+        weights = blend_weights(crossings, clip_verts, topology, height, width, self.soft_edges)
+        return blend(image, crossings, weights)
+
+    def silhouette(
+        self,
+        clip_verts: Float[Tensor, "row vert 4"],
+        faces: Int[Tensor, "face 3"],
+        height: int,
+        width: int,
+        topology: Topology,
+    ) -> Float[Tensor, "row height width"]:
+        """See :meth:`Renderer.silhouette`."""
+        check_mesh(clip_verts, faces, height, width)
+        covered = nearest_faces(clip_verts, faces, height, width)[0] >= 0
+        crossings = find_crossings(clip_verts, faces, topology, covered, None, self.soft_edges)
+        weights = blend_weights(crossings, clip_verts, topology, height, width, self.soft_edges)
+        return blend(covered[:, None].to(clip_verts.dtype), crossings, weights).squeeze(1).clamp(0, 1)
+
+
+@torch.no_grad()
+def nearest_faces(
+    clip_verts: Float[Tensor, "row vert 4"], faces: Int[Tensor, "face 3"], height: int, width: int
+) -> tuple[Int[Tensor, "row height width"], Float[Tensor, "row height width"]]:
+    """Index of the nearest face at every pixel centre (-1 for none) and its NDC depth in float64 (+inf for none).
+
+    All pixel centres in the bounding box of every triangle are tested against its three edge functions, in chunks.
+    """
+    rows = clip_verts.shape[0]
+    corners = to_screen(clip_verts, height, width, snap=True)[:, faces]  # (row, face, 3, 3)
+    size = corners.new_tensor((width, height))
+    first = torch.minimum(corners[..., :2].amin(2).ceil().clamp(min=0), size).nan_to_num(0)
+    last = torch.maximum(torch.minimum(corners[..., :2].amax(2).floor(), size - 1), first - 1).nan_to_num(-1)
+    extent = (last - first + 1).long()  # (row, face, 2)
+    area = _cross(corners[..., 1, :2] - corners[..., 0, :2], corners[..., 2, :2] - corners[..., 0, :2])
+    counts = (extent[..., 0] * extent[..., 1]) * (area.abs() > MIN_AREA2)
+    row, face = counts.nonzero(as_tuple=True)
+    counts, extent, first = counts[row, face], extent[row, face], first[row, face].long()
+    corners, area = corners[row, face], area[row, face]
+
+    depth = corners.new_full((rows * height * width,), torch.inf)
+    nearest = torch.full_like(depth, -1, dtype=torch.long)
+    for part in _chunks(counts):
+        triangle = torch.repeat_interleave(counts[part]) + part.start
+        index = torch.arange(len(triangle), device=faces.device)
+        index = index - (counts[part].cumsum(0) - counts[part])[triangle - part.start]
+        j = first[triangle, 0] + index % extent[triangle, 0]
+        i = first[triangle, 1] + index // extent[triangle, 0]
+        z, hit = _test_centres(corners[triangle], area[triangle], torch.stack((j, i), dim=1))
+        pixel = ((row[triangle] * height + i) * width + j)[hit]
+        _keep_nearest(depth, nearest, pixel, z[hit], face[triangle][hit])
+    return nearest.reshape(rows, height, width), depth.reshape(rows, height, width)
+
+
+def _cross(a: Tensor, b: Tensor) -> Tensor:
+    """Cross product of 2-D vectors."""
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _chunks(counts: Tensor) -> list[slice]:
+    """Consecutive ranges of triangles with about ``CHUNK`` pixel centres each."""
+    if not len(counts):
+        return []
+    total = counts.cumsum(0)
+    group = torch.div(total - counts, CHUNK, rounding_mode="floor")
+    sizes = torch.unique_consecutive(group, return_counts=True)[1].tolist()
+    ranges, start = [], 0
+    for size in sizes:
+        ranges.append(slice(start, start + size))
+        start += size
+    return ranges
+
+
+def _test_centres(corners: Tensor, area: Tensor, centre: Tensor) -> tuple[Tensor, Tensor]:
+    """NDC depth of triangles (sample, 3, 3) at pixel centres (sample, 2), and whether they are inside or on an edge."""
+    a, b, c = corners.unbind(1)
+    sign = torch.where(area > 0, 1.0, -1.0).to(area)
+    e0 = sign * _cross(c[:, :2] - b[:, :2], centre - b[:, :2])
+    e1 = sign * _cross(a[:, :2] - c[:, :2], centre - c[:, :2])
+    e2 = sign * _cross(b[:, :2] - a[:, :2], centre - a[:, :2])
+    z = (e0 * a[:, 2] + e1 * b[:, 2] + e2 * c[:, 2]) / (sign * area)
+    return z, (e0 >= 0) & (e1 >= 0) & (e2 >= 0)
+
+
+def _keep_nearest(depth: Tensor, nearest: Tensor, pixel: Tensor, z: Tensor, face: Tensor) -> None:
+    """Depth-test samples in place; the lowest face index wins a tie."""
+    updated = depth.scatter_reduce(0, pixel, z, "amin")
+    last = torch.iinfo(torch.long).max
+    nearest.masked_fill_((updated < depth) | (nearest < 0), last)
+    depth.copy_(updated)
+    ties = z == depth[pixel]
+    nearest.scatter_reduce_(0, pixel[ties], face[ties], "amin")
+    nearest.masked_fill_(nearest == last, -1)
+
+
+def barycentrics(
+    clip_verts: Float[Tensor, "row vert 4"], faces: Int[Tensor, "face 3"], face_index: Int[Tensor, "row height width"]
+) -> Float[Tensor, "row height width 3"]:
+    """Perspective-correct barycentrics at the pixel centres, 0 on background.
+
+    With P_k = (X_k - x W_k, Y_k - y W_k) of the corners of a face at NDC (x, y), the weight of corner k is
+    proportional to the cross product of the two other P (homogeneous 2-D rasterisation, no division by w).
+    """
+    rows, height, width = face_index.shape
+    pixels = (face_index >= 0).reshape(-1).nonzero().squeeze(1)
+    row, i, j = pixels // (height * width), pixels // width % height, pixels % width
+    corners = faces[face_index.reshape(-1)[pixels]] + (row * clip_verts.shape[1])[:, None]
+    clip = clip_verts.reshape(-1, 4).index_select(0, corners.reshape(-1)).reshape(-1, 3, 4).double()
+    centre = torch.stack(((2 * j + 1).double() / width - 1, (2 * i + 1).double() / height - 1), dim=1)
+    point = clip[..., :2] - centre[:, None] * clip[..., 3:]  # (pixel, 3, 2)
+    edge = _cross(point[:, [1, 2, 0]], point[:, [2, 0, 1]])
+    total = edge.sum(dim=1, keepdim=True)
+    degenerate = total == 0
+    weights = torch.where(degenerate, 1 / 3, edge / torch.where(degenerate, 1, total)).to(clip_verts.dtype)
+    dense = weights.new_zeros(rows * height * width, 3).index_copy(0, pixels, weights)
+    return dense.reshape(rows, height, width, 3)

@@ -1,0 +1,136 @@
+"""``fauna-train``: compose, build, fit. Heavy imports happen only once there is something to train."""
+
+import inspect
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf
+
+from fauna._conf import CONF_DIR
+from fauna.cli import run_cli
+
+if TYPE_CHECKING:
+    from lightning import Trainer
+
+    from fauna.data.datamodule import PhotoDataModule
+    from fauna.stages import Schedule
+    from fauna.system import FaunaSystem
+
+
+def main() -> None:
+    """Entry point of the command line; bad input ends with one line on stderr and exit code 2."""
+    run_cli(_hydra_main)
+
+
+@hydra.main(config_path=str(CONF_DIR), config_name="train", version_base="1.3")
+def _hydra_main(cfg: DictConfig) -> None:
+    from fauna.encoder.fallback import with_available_encoder
+
+    train(with_available_encoder(cfg, list(HydraConfig.get().overrides.task)), Path(HydraConfig.get().runtime.output_dir))
+
+
+def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
+    """Run one training from a composed configuration.
+
+    Args:
+        cfg: of ``conf/train.yaml``.
+        folder: where checkpoints, pictures, logs and ``result.json`` go.
+
+    Returns:
+        The content of ``result.json``.
+
+    Raises:
+        FaunaError: on bad configuration or data, before any work starts where that can be known.
+    """
+    from lightning import seed_everything
+
+    from fauna.build import build_encoder, build_model, build_schedule, build_system, check_encoder
+    from fauna.configuration import validate
+    from fauna.io.run_folder import claim_folder, report_changes, resume_path, write_json
+
+    validate(cfg)
+    resume = resume_path(cfg.resume, folder)
+    claim_folder(folder, resume)
+    config = OmegaConf.to_yaml(cfg, resolve=True)
+    if resume is not None:
+        report_changes(resume, config)
+    seed_everything(cfg.seed, workers=False, verbose=False)
+    schedule = build_schedule(cfg)
+    encoder = build_encoder(cfg)
+    check_encoder(cfg, encoder)
+    data = _make(cfg.data, {"encoder": encoder})
+    system = build_system(cfg, build_model(cfg, encoder))
+    given = {"schedule": schedule, "folder": str(folder), "config": config, "save_dir": str(folder)}
+    callbacks = [_make(node, given) for node in cfg.callbacks.values() if node is not None]
+    loggers = [_make(node, given) for node in cfg.logger.values() if node is not None]
+    trainer = _make(cfg.trainer, {**given, "callbacks": callbacks, "logger": loggers})
+    data.prepare(seed=cfg.seed, report=print)
+    if resume is None:
+        _start(cfg, system, data)
+    baseline = _validate(trainer, system, data, schedule) if resume is None else None
+    started = time.monotonic()
+    trainer.fit(system, datamodule=data, ckpt_path=None if resume is None else str(resume), weights_only=True)
+    result = {
+        "steps": trainer.global_step,
+        "fit_seconds": round(time.monotonic() - started, 1),
+        "untrained": baseline,
+        "trained": _validate(trainer, system, data, None),
+    }
+    for logger in loggers:
+        logger.finalize("success")
+    if trainer.is_global_zero:
+        write_json(result, folder / "result.json")
+        _say_where(folder, result)
+    return result
+
+
+def _make(node: DictConfig, given: dict[str, Any]) -> Any:
+    """Instantiate a node and hand it those of the ``given`` objects that its signature asks for."""
+    from hydra.utils import get_object, instantiate
+
+    wanted = inspect.signature(get_object(node._target_)).parameters
+    passed = {name: value for name, value in given.items() if name in wanted}
+    return instantiate(node, _convert_="all", _partial_=True)(**passed)
+
+
+def _start(cfg: DictConfig, system: "FaunaSystem", data: "PhotoDataModule") -> None:
+    """Weights to start from, and the feature space: theirs, or fitted on the training photos."""
+    from fauna.io.checkpoint import load_weights
+
+    model = system.model
+    if cfg.init_from is not None:
+        parts = None if cfg.init_components is None else sorted({*cfg.init_components, "feature_space"})
+        load_weights(model, Path(cfg.init_from), parts)
+    else:
+        model.feature_space.fit(data.feature_samples())
+
+
+def _validate(
+    trainer: "Trainer", system: "FaunaSystem", data: "PhotoDataModule", schedule: "Schedule | None"
+) -> dict[str, Any] | None:
+    """Metrics on the validation split, per species; not for runs too short to be validated."""
+    from fauna.evaluation import evaluate
+
+    if trainer.max_steps < trainer.val_check_interval or not trainer.is_global_zero:
+        return None
+    if schedule is not None:
+        system.model.set_stage(schedule.at(0))
+    photos = data.photos(data.split)[: int(trainer.limit_val_batches)]
+    return evaluate(system.model, system.objective, ((photo.category, data.single(photo)) for photo in photos))
+
+
+def _say_where(folder: Path, result: dict[str, Any]) -> None:
+    print(f"run folder: {folder}")
+    if (folder / "pictures").is_dir():
+        print(f"pictures:   {folder / 'pictures'} (one contact sheet per stage)")
+    print(f"weights:    {folder / 'weights.safetensors'}")
+    for name in ("untrained", "trained"):
+        if result[name]:
+            print(f"silhouette IoU on photos not trained on, {name}: {result[name]['iou']:.3f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""See docs/architecture.md for where this package sits in the data flow."""
