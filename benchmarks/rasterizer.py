@@ -85,8 +85,7 @@ def training_step(renderer: Renderer, clip: Tensor, faces: Tensor, verts: Tensor
     image = renderer.interpolate(fragments, faces, attributes)
     image = torch.cat((image, fragments.covered[:, None].to(image)), dim=1)
     image = renderer.antialias(image, fragments, clip, faces, topology)
-    image.square().mean().backward()
-    return clip.grad
+    return torch.autograd.grad(image.square().mean(), (clip, own, shared))[0]
 
 
 def smooth_weights(count: int, resolution: int) -> Tensor:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from fauna.errors import FaunaError
 
 Window = Sequence[int | None] | None
+Number = int | float
 Piecewise = Any
 """A constant, or pairs ``[step, value]`` in ascending order: the value holds from its step on."""
 
@@ -87,7 +88,7 @@ def piecewise(step: int, value: Piecewise) -> Any:
     return [held for start, held in value if start <= step][-1]
 
 
-def ramp(step: int, start: float, stop: float) -> float:
+def ramp(step: int, start: Number, stop: Number) -> float:
     """Linear from 0 at ``start`` to 1 at ``stop``, clamped.
 
     >>> ramp(0, 10, 20), ramp(15, 10, 20), ramp(30, 10, 20)
@@ -130,11 +131,11 @@ class Schedule:
         elevation: Window,
         grid_resolution: Piecewise | None,
         all_hypotheses: Window,
-        temperature: Mapping[str, float],
+        temperature: Mapping[str, Number],
         uniform_until: Sequence[int],
         best_from: Sequence[int],
-        best_fraction: float,
-        lr_decay: Mapping[str, float] | None,
+        best_fraction: Number,
+        lr_decay: Mapping[str, Number] | None,
         weights: Mapping[str, Piecewise],
         target_weights: Mapping[str, Piecewise],
     ) -> None:

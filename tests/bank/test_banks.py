@@ -32,7 +32,7 @@ def query(batch: int = 4, dim: int = 9) -> torch.Tensor:
 
 
 def brute_force(bank: SemanticBank, one: torch.Tensor) -> torch.Tensor:
-    """Eq. 2 for one query, slot by slot."""
+    """Eq. 1 for one query, slot by slot."""
     cosine = [float(F.cosine_similarity(one, key, dim=0)) for key in bank.keys.detach()]
     chosen = sorted(range(len(cosine)), key=lambda k: -cosine[k])[: bank.top_k]
     total = sum(abs(cosine[k]) for k in chosen)

@@ -1,6 +1,7 @@
 import pytest
 import torch
 
+from fauna.errors import FaunaError
 from fauna.geometry import mesh
 from fauna.geometry.mesh import build_topology, face_areas, face_normals, vertex_normals
 
@@ -120,6 +121,12 @@ def test_bitwise_deterministic():
             torch.use_deterministic_algorithms(False)
         gradients.append(leaf.grad)
     assert torch.equal(*gradients)
+
+
+@pytest.mark.usefixtures("path")
+def test_faces_of_another_mesh_are_rejected():
+    with pytest.raises(FaunaError, match="index 3 vertices, got index 3"):
+        vertex_normals(CORNERS[:, :3], TETRAHEDRON)
 
 
 def test_paths_agree(monkeypatch):

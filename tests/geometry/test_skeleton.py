@@ -35,21 +35,30 @@ def rest(verts: torch.Tensor, *, legs_attached: bool = True, **changes) -> Skele
     return rest_skeleton(verts, options=dataclasses.replace(OPTIONS, **changes), legs_attached=legs_attached)
 
 
-def reference_skeleton(verts: torch.Tensor, legs_attached: bool):
+def mix(a, b, t: float):
+    """Point between two points."""
+    return tuple((1 - t) * u + t * v for u, v in zip(a, b, strict=True))
+
+
+def quantile(values: list[float], q: float) -> float:
+    """Interpolated quantile of a list."""
+    return float(torch.quantile(torch.tensor(values), q))
+
+
+def reference_skeleton(verts: torch.Tensor, legs_attached: bool, origin: str):
     """The heuristic, one vertex and one leg at a time."""
     points = [tuple(map(float, vert)) for vert in verts]
     mean = [sum(p[axis] for p in points) / len(points) for axis in range(3)]
     body = [p for p in points if p[1] > mean[1] - 0.5]
     front, rear = max(body, key=lambda p: p[2]), min(body, key=lambda p: p[2])
     knots = [(0.0, *front[1:]), (0.0, mean[1] + 0.5, mean[2]), (0.0, *rear[1:])]
-    mix = lambda a, b, t: tuple((1 - t) * u + t * v for u, v in zip(a, b, strict=True))
     spine = [mix(knots[0], knots[1], i / 4) for i in range(5)] + [mix(knots[1], knots[2], i / 4) for i in range(1, 5)]
     bones = [(spine[i + 1], spine[i]) for i in range(4)] + [(spine[i - 1], spine[i]) for i in (8, 7, 6, 5)]
     parents = [1, 2, 3, -1, 5, 6, 7, -1]
-    quantile = lambda values, q: float(torch.quantile(torch.tensor(values), q))
     level = quantile([p[1] for p in points], 0.4)
     low = [p for p in points if p[1] <= level]
-    x0, z0 = (quantile([p[axis] for p in low], 0.5) for axis in (0, 2))
+    middle = {"median": lambda values: quantile(values, 0.5), "mean": lambda values: sum(values) / len(values)}[origin]
+    x0, z0 = (middle([p[axis] for p in low]) for axis in (0, 2))
     mx, mz = (0.2 * (quantile([p[a] for p in low], 0.95) - quantile([p[a] for p in low], 0.05)) for a in (0, 2))
     tests = (
         lambda p: p[0] - x0 > mx and p[2] - z0 > mz,
@@ -70,10 +79,11 @@ def reference_skeleton(verts: torch.Tensor, legs_attached: bool):
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("legs_attached", [True, False])
-def test_equals_the_loop(seed, legs_attached):
+@pytest.mark.parametrize("origin", ["median", "mean"])
+def test_equals_the_loop(seed, legs_attached, origin):
     verts = quadruped(seed, legs=(1.0, 1.1, 1.2, 1.3))
-    skeleton = rest(verts[None], legs_attached=legs_attached)
-    starts, ends, parents = reference_skeleton(verts, legs_attached)
+    skeleton = rest(verts[None], legs_attached=legs_attached, foot_origin=origin)
+    starts, ends, parents = reference_skeleton(verts, legs_attached, origin)
     torch.testing.assert_close(skeleton.starts[0], starts, atol=1e-4, rtol=0)
     torch.testing.assert_close(skeleton.ends[0], ends, atol=1e-4, rtol=0)
     assert torch.equal(skeleton.parents[0], parents)
@@ -107,6 +117,12 @@ def test_joints_of_a_chain_coincide():
     for bone, parent in enumerate(skeleton.parents[0].tolist()):
         if parent >= 0:
             torch.testing.assert_close(skeleton.starts[0, bone], skeleton.ends[0, parent])
+
+
+def test_median_and_mean_origin_differ_on_a_lopsided_animal():
+    verts = quadruped(0, legs=(2.0, 0.6, 0.6, 2.0), length=3.0)  # long front legs, few low vertices behind
+    median, mean = (rest(verts[None], foot_origin=origin).ends[0, 8::3] for origin in ("median", "mean"))
+    assert (median - mean).abs().max() > 0.01
 
 
 def test_symmetric_feet_mirror_each_other():

@@ -222,6 +222,9 @@ def test_messages(renderer, soup, monkeypatch):
         renderer.interpolate(fragments, faces, torch.rand(3, 9, 2))
     with pytest.raises(FaunaError, match="cover vertex 8, got 8 vertices"):
         renderer.interpolate(fragments, faces, torch.rand(2, 8, 2))
+    topology = build_topology(torch.tensor([[0, 1, 9]]))
+    with pytest.raises(FaunaError, match="9 vertices, got index 9; rebuild it"):
+        NumbaRenderer(soft_edges=False).silhouette(clip, faces, 8, 8, topology)
     monkeypatch.setattr(nvdiffrast_backend.torch.cuda, "is_available", lambda: False)
     with pytest.raises(FaunaError, match="needs a CUDA device"):
         NvdiffrastRenderer(soft_edges=False)

@@ -105,7 +105,8 @@ def test_eikonal_against_autograd_at_its_own_points(monkeypatch):
     box = torch.tensor(model.lattice.box)
     assert (points[:200].abs() <= box).all()
     assert (points[:200].abs().amax(dim=0) > 0.9 * box).all()
-    assert torch.cdist(points[200:], base.verts, p=float("inf")).amin(dim=1).max() <= 0.35 + 1e-5
+    distance = torch.cdist(points[200:], base.verts, p=float("inf")).amin(dim=1)
+    assert 0.25 < distance.max() <= 0.35 + 1e-5
     (gradient,) = torch.autograd.grad(field(points).sum(), points)
     assert loss.item() == pytest.approx((gradient.norm(dim=1) - 1).square().mean().item(), rel=1e-4)
 

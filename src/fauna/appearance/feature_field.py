@@ -1,4 +1,4 @@
-"""Field of self-supervised image features over the base shape (Sec. 3.2, "Correspondences from Self-Supervised Features")."""
+"""Field of self-supervised image features over the base shape (Sec. 3.2)."""
 
 from jaxtyping import Float
 from torch import Tensor, nn

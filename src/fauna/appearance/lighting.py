@@ -1,4 +1,4 @@
-"""Light of a photo (supplement, "Lighting")."""
+"""Light of a photo (Sec. 3.1, "Appearance"; ranges in Tab. 6)."""
 
 import torch
 from jaxtyping import Float

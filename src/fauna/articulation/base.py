@@ -9,7 +9,7 @@ from fauna.types import Camera, Features, Pose, Skeleton
 
 
 class Articulation(nn.Module, ABC):
-    """Predicts the bone rotations of each row (supplement, "Articulation")."""
+    """Predicts the bone rotations of each row (supplement, "Bone Rotation Prediction")."""
 
     @abstractmethod
     def forward(

@@ -37,7 +37,7 @@ def paper(limits: Limits) -> Limits:
 
 
 def released(limits: Limits) -> Limits:
-    """The published checkpoint: the FOOT segments go sideways and twist within 0.05 of the range, the others only swing."""
+    """The published checkpoint: FOOT segments go sideways and twist by 0.05 of the range, the others only swing."""
     limits = limits.clone()
     limits[_LEGS, _SIDEWAYS_AND_TWIST] = 0.0
     limits[_FEET, _SIDEWAYS_AND_TWIST] = 0.05 * limits[_FEET, :1]

@@ -1,4 +1,4 @@
-"""Bone rotations from a transformer over bones (supplement, "Articulation")."""
+"""Bone rotations from a transformer over bones (supplement, "Bone Rotation Prediction")."""
 
 import math
 from collections.abc import Sequence

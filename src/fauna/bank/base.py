@@ -30,7 +30,7 @@ class Bank(nn.Module, ABC):
 
 @torch.no_grad()
 def slot_entropy(readout: BankReadout) -> Float[Tensor, " batch"]:
-    """Entropy of the absolute slot weights in nats: 0 = one slot, log(K) = all K alike; zeros for banks without slots."""
+    """Entropy of the absolute slot weights in nats, from 0 (one slot) to log(K); zeros for banks without slots."""
     if readout.weights is None:
         return torch.zeros_like(readout.embedding[:, 0])
     return torch.special.entr(readout.weights.abs()).sum(dim=-1)

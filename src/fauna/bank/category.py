@@ -1,4 +1,4 @@
-"""Ablation: one learned code per species label (Tab. 4, "category-conditioned")."""
+"""Ablation: one learned code per species label (Sec. 4.4, "category-conditioned")."""
 
 import torch
 from jaxtyping import Float

@@ -1,4 +1,4 @@
-"""Ablation: no bank (Tab. 4, "without bank")."""
+"""Ablation: no bank (Sec. 4.4)."""
 
 from jaxtyping import Float
 from torch import Tensor

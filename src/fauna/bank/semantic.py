@@ -1,4 +1,4 @@
-"""The Semantic Bank of Skinned Models (Sec. 3.1, Eq. 2)."""
+"""The Semantic Bank of Skinned Models (Sec. 3.1, Eq. 1, with the top-k of the supplement, "Network Architectures")."""
 
 import torch
 from jaxtyping import Float
@@ -14,7 +14,8 @@ class SemanticBank(Bank):
     """Slots of learned keys and values; the code is a sparse, signed mixture of the values.
 
     The ``min(top_k, num_slots)`` slots most similar to the query get weights ``cos_k / sum |cos|``, so a negative
-    similarity keeps its sign, and the code is the weighted sum of their values.
+    similarity keeps its sign, and the code is the weighted sum of their values. (The paper divides by ``sum cos``,
+    which is the same while no chosen similarity is negative and can vanish otherwise.)
 
     Args:
         num_slots: K, number of slots.

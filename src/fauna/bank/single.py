@@ -9,7 +9,7 @@ from fauna.types import BankReadout
 
 
 class SingleBank(Bank):
-    """A single learned code ("MagicPony on all categories" in the paper's comparison).
+    """A single learned code (supplement, "MagicPony on All Categories").
 
     Args:
         value_dim: width of the code.

@@ -9,7 +9,7 @@ from fauna.types import BaseShape, InstanceShape
 
 
 class Deformation(nn.Module, ABC):
-    """Fits the base shape to a photo (Sec. 3.1, "Instance deformation")."""
+    """Fits the base shape to a photo (Sec. 3.1, "Implementation Details")."""
 
     @abstractmethod
     def forward(self, base: BaseShape, geometry: Float[Tensor, "batch geometry_chan"]) -> InstanceShape:

@@ -1,4 +1,4 @@
-"""Instance deformation as a field over the base shape (Sec. 3.1)."""
+"""Instance deformation as a field over the base shape (Sec. 3.1, "Implementation Details")."""
 
 import torch
 from jaxtyping import Float

@@ -13,9 +13,9 @@ _SLOPE = 0.2
 class MaskDiscriminator(nn.Module):
     """Tells observed masks from rendered ones, given the shape code.
 
-    4x4/2 convolutions without bias or normalisation, LeakyReLU(0.2), doubling channels from ``base_channels`` until the map
-    is smaller than 8, then one convolution over what is left. The code is a constant image beside the mask; its share of
-    the first layer is computed without building that image.
+    4x4/2 convolutions without bias or normalisation, LeakyReLU(0.2), doubling channels from ``base_channels`` until
+    the map is smaller than 8, then one convolution over what is left. The code is a constant image beside the mask; its
+    share of the first layer is computed without building that image.
 
     Args:
         condition_dim: width of the shape code.
@@ -34,10 +34,9 @@ class MaskDiscriminator(nn.Module):
                 f"discriminator.image_size must be 4..7 times a power of two, got {image_size}; use 64, 96, 128 or 256"
             )
         self.image_size = image_size
-        dims = [1 + condition_dim, *(base_channels * 2**level for level in range(halvings))]
-        self.layers = nn.ModuleList(
-            nn.Conv2d(a, b, 4, stride=2, padding=1, bias=False) for a, b in zip(dims[:-1], dims[1:], strict=True)
-        )
+        dims = [base_channels * 2**level for level in range(halvings)]
+        self.first = _halve(1 + condition_dim, base_channels)
+        self.layers = nn.ModuleList(_halve(a, b) for a, b in zip(dims[:-1], dims[1:], strict=True))
         self.logit = nn.Conv2d(dims[-1], 1, image_size >> halvings, bias=False)
 
     def forward(
@@ -61,14 +60,19 @@ class MaskDiscriminator(nn.Module):
                 "set discriminator.image_size to the render size"
             )
         hidden = F.leaky_relu(self._first(masks, condition.reshape(-1, condition.shape[-1])), _SLOPE)
-        for layer in list(self.layers)[1:]:
+        for layer in self.layers:
             hidden = F.leaky_relu(layer(hidden), _SLOPE)
         return self.logit(hidden).flatten()
 
     def _first(self, masks: Tensor, condition: Float[Tensor, "group value_chan"]) -> Tensor:
         """First layer on [mask, constant code]: by linearity the code becomes a kernel over an image of ones."""
-        weight = self.layers[0].weight
+        weight = self.first.weight
         of_mask = F.conv2d(masks[:, None], weight[:, :1], stride=2, padding=1)
         kernels = torch.einsum("ocij,gc->goij", weight[:, 1:], condition).flatten(0, 1)[:, None]
         of_code = F.conv2d(torch.ones_like(masks[:1, None]), kernels, stride=2, padding=1)
         return of_mask + of_code.reshape(condition.shape[0], -1, *of_mask.shape[-2:])
+
+
+def _halve(in_dim: int, out_dim: int) -> nn.Conv2d:
+    """4x4 convolution with stride 2."""
+    return nn.Conv2d(in_dim, out_dim, 4, stride=2, padding=1, bias=False)

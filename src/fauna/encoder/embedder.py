@@ -49,8 +49,8 @@ class ConvTrunk(nn.Module):
 
     ``paper``: three 4x4/2 convolutions, each followed by group norm and LeakyReLU(0.2), then a 4x4 layer over
     the remaining 4 x 4 cells, all without bias; fits 32 x 32 maps only.
-    ``light``: a 1x1 projection, two such convolutions, average pooling to 4 x 4 cells (nothing to pool for 16 x 16 maps)
-    and one linear layer; about a tenth of the cost, for any map from 8 x 8.
+    ``light``: a 1x1 projection, two such convolutions, average pooling to 4 x 4 cells (none left to pool for
+    16 x 16 maps) and one linear layer; about a tenth of the cost, for any map from 8 x 8.
 
     Args:
         in_dim: channels of the map.

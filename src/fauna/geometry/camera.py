@@ -57,14 +57,14 @@ def to_clip(
 def transform_points(
     points: Float[Tensor, "#row point 3"], matrix: Float[Tensor, "#row out 4"]
 ) -> Float[Tensor, "rows point out"]:
-    """Apply affine (3 x 4) or projective (4 x 4) matrices to points; a leading axis of 1 is shared by all rows."""
+    """Apply affine (3 x 4) or projective (4 x 4) matrices; a leading axis of 1 is shared by all rows."""
     return points @ matrix[:, :, :3].transpose(1, 2) + matrix[:, None, :, 3]
 
 
 def project(points: Float[Tensor, "#row point 3"], camera: Camera) -> Float[Tensor, "rows point 2"]:
     """NDC of world points: x right, y down, the image is [-1, 1]^2.
 
-    Points nearer than the near plane, also those behind the camera, are divided by the near distance and so stay finite.
+    Points nearer than the near plane, also behind the camera, are divided by the near distance and so stay finite.
     """
     clip = to_clip(points, camera.clip_from_world)
     return clip[..., :2] / clip[..., 3:].clamp_min(NEAR)

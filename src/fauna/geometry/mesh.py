@@ -5,6 +5,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from fauna.errors import FaunaError
 from fauna.types import Topology
 
 try:
@@ -71,8 +72,14 @@ def vertex_normals(verts: Float[Tensor, "batch vert 3"], faces: Int[Tensor, "fac
     Args:
         verts: positions, differentiable.
         faces: counter-clockwise seen from outside, shared by the batch.
+
+    Raises:
+        FaunaError: a face refers to a vertex that does not exist.
     """
-    if kernels is not None and verts.device.type == "cpu":
+    if len(faces) and int(faces.max()) >= verts.shape[1]:
+        count = verts.shape[1]
+        raise FaunaError(f"faces must index {count} vertices, got index {int(faces.max())}; pass the mesh's own faces")
+    if kernels is not None and verts.device.type == "cpu" and verts.dtype in (torch.float32, torch.float64):
         return _normalize(_SumFaceNormals.apply(verts, faces.long()))
     corners = faces.reshape(-1)
     per_corner = _area_vectors(verts, faces).repeat_interleave(3, dim=1)

@@ -13,7 +13,7 @@ _PARALLEL = 1e-6
 
 
 def euler_xyz_to_matrix(angles: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
-    """Intrinsic XYZ Euler angles to ``Rx(a0) Ry(a1) Rz(a2)`` (supplement, "Articulation").
+    """Intrinsic XYZ Euler angles to ``Rx(a0) Ry(a1) Rz(a2)`` (supplement, "Bone Rotation Prediction").
 
     Args:
         angles: radians.

@@ -38,11 +38,11 @@ class SkeletonOptions:
         centre_lift: the spine's middle joint lies this high above the mean vertex, world units.
         foot_quantile: share of the vertices, from below, whose extent tells where the legs are.
         margin: width of the gap around the middle in which no foot is sought, relative to their 5-95 % extent.
-        foot_origin: what divides left from right and front from rear: the ``median`` x and z of these vertices, or the
-            ``mean`` of all.
+        foot_origin: what divides left from right and front from rear: the ``median`` or ``mean`` x and z of these
+            vertices.
         symmetric_feet: average the feet of both sides, mirrored.
-        attachment: ``z_nearest`` = each leg hangs from the spine joint nearest in z, found per instance and shared by left
-            and right; or four body bones, one per leg.
+        attachment: ``z_nearest`` = each leg hangs from the spine joint nearest in z, found per instance and shared by
+            left and right; or four body bones, one per leg.
     """
 
     body_height: float
@@ -120,14 +120,15 @@ def _spine_joints(verts: Float[Tensor, "batch vert 3"], options: SkeletonOptions
 def _feet(
     verts: Float[Tensor, "batch vert 3"], spine: Float[Tensor, "batch 9 3"], options: SkeletonOptions
 ) -> Float[Tensor, "batch leg 3"]:
-    """Lowest vertex of each leg's quadrant; without one, of its quarter of the mesh; without one, a point below the spine."""
+    """Lowest vertex of each leg's quadrant; if empty, of its quarter of the mesh; if empty, a point below the spine."""
     x, y, z = verts.unbind(-1)
     low = y <= torch.quantile(y, options.foot_quantile, dim=1, keepdim=True)
     spread_x = masked_quantiles(x, low, (0.05, 0.5, 0.95))
     spread_z = masked_quantiles(z, low, (0.05, 0.5, 0.95))
     origin_x, origin_z = spread_x[:, 1:2], spread_z[:, 1:2]
     if options.foot_origin == "mean":
-        origin_x, origin_z = x.mean(dim=1, keepdim=True), z.mean(dim=1, keepdim=True)
+        share = low / low.sum(dim=1, keepdim=True)
+        origin_x, origin_z = (x * share).sum(dim=1, keepdim=True), (z * share).sum(dim=1, keepdim=True)
     margin_x = options.margin * (spread_x[:, 2:] - spread_x[:, :1])
     margin_z = options.margin * (spread_z[:, 2:] - spread_z[:, :1])
     side_x, side_z = verts.new_tensor(LEG_SIDE_X)[:, None], verts.new_tensor(LEG_SIDE_Z)[:, None]
@@ -189,7 +190,7 @@ def _lowest(
 def masked_quantiles(
     values: Float[Tensor, "batch vert"], mask: Bool[Tensor, "batch vert"], quantiles: Sequence[float]
 ) -> Float[Tensor, "batch quantile"]:
-    """Linearly interpolated quantiles over the masked entries of each item, whose number may differ but is at least 1."""
+    """Linearly interpolated quantiles over the masked entries of each item; at least one per item."""
     ordered = values.masked_fill(~mask, torch.inf).sort(dim=1).values
     last = mask.sum(dim=1, keepdim=True) - 1
     place = last * values.new_tensor(quantiles)  # (batch, quantile), fractional ranks

@@ -1,4 +1,4 @@
-"""Linear blend skinning (Sec. 3.1 and supplement, "Skinning Weights"), bone-major so that every inner loop is long."""
+"""Linear blend skinning (supplement, "Skinning Weights"), bone-major so that every inner loop is long."""
 
 from typing import Literal
 
@@ -64,8 +64,8 @@ def squared_distance_to_bones(
 def rest_frames(skeleton: Skeleton) -> Float[Tensor, "batch bone 3 3"]:
     """Rest orientation of each bone, columns (right, up, forward), as in ``docs/conventions.md``.
 
-    ``forward`` is the bone's direction, ``up = normalise(forward x e_x)``, ``right = up x forward``. A bone along x takes
-    ``up = e_y``; one of zero length takes ``forward = e_z``.
+    ``forward`` is the bone's direction, ``up = normalise(forward x e_x)``, ``right = up x forward``. A bone along x
+    takes ``up = e_y``; one of zero length takes ``forward = e_z``.
     """
     bones = skeleton.ends - skeleton.starts
     length = bones.norm(dim=-1, keepdim=True)
@@ -79,10 +79,10 @@ def rest_frames(skeleton: Skeleton) -> Float[Tensor, "batch bone 3 3"]:
 
 
 def bone_transforms(skeleton: Skeleton, angles: Float[Tensor, "row bone 3"]) -> Float[Tensor, "row bone 4 4"]:
-    """Rigid transforms that carry rest positions to posed ones, along the tree of bones (Eq. 3 of the paper).
+    """Rigid transforms that carry rest positions to posed ones, along the bone tree (supplement, "Skinning Weights").
 
-    Bone b moves by ``G_root ... G_parent G_b`` with ``G = B R(angles) B^-1`` and ``B`` its rest frame at its start joint;
-    all angles zero give the identity.
+    Bone b moves by ``G_root ... G_parent G_b`` with ``G = B R(angles) B^-1`` and ``B`` its rest frame at its start
+    joint; all angles zero give the identity.
 
     Args:
         skeleton: rest bones, of each row or one for all.

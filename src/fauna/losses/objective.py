@@ -21,6 +21,7 @@ from fauna.losses.reconstruction import (
 from fauna.losses.regularizers import articulation_loss, deformation_loss
 from fauna.stages import Stage
 from fauna.types import Batch, Reconstruction
+from fauna.viewpoint.selection import mixed_probabilities
 
 IMAGE_TERMS = ("mask", "mask_spill", "mask_miss", "image", "feature")
 """Terms with one value per rendered row; only these enter the hypothesis target."""
@@ -77,7 +78,7 @@ class Objective:
         hypotheses, chosen = out.hypotheses, (out.selection.photo, out.selection.hypothesis)
         weights = row_weights(
             self.weighting,
-            probability=hypotheses.probabilities[chosen],
+            probability=mixed_probabilities(hypotheses, stage.uniform_mix)[chosen],
             measured=measured,
             photo=out.selection.photo,
             num_hypotheses=hypotheses.predicted_losses.shape[1],

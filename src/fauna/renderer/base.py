@@ -132,3 +132,18 @@ def check_attributes(fragments: Fragments, faces: Tensor, attributes: Tensor) ->
         count = attributes.shape[1]
         raise FaunaError(f"attributes must cover vertex {int(faces.max())}, got {count} vertices; pass one per vertex")
     return attributes.to(fragments.barycentrics.dtype)
+
+
+def check_topology(topology: Topology, clip_verts: Tensor, faces: Tensor) -> None:
+    """Reject the edges of another mesh.
+
+    Raises:
+        FaunaError: an edge refers to a vertex or a face that does not exist.
+    """
+    for name, index, count in (
+        ("vertices", topology.edges, clip_verts.shape[1]),
+        ("faces", topology.edge_faces, len(faces)),
+    ):
+        if index.numel() and int(index.max()) >= count:
+            message = f"topology must refer to the mesh's {count} {name}, got index {int(index.max())}; rebuild it"
+            raise FaunaError(message)

@@ -6,7 +6,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fauna.kernels import raster, silhouette
-from fauna.renderer.base import Renderer, check_attributes, check_mesh
+from fauna.renderer.base import Renderer, check_attributes, check_mesh, check_topology
 from fauna.renderer.edges import DEPTH_TOLERANCE, Crossings, blend_weights
 from fauna.renderer.numba_functions import Barycentrics, Blend, Interpolate, InterpolateAt, as_numpy
 from fauna.types import Fragments, Topology
@@ -90,6 +90,7 @@ class CompiledRenderer(Renderer):
     def _find_crossings(
         self, clip_verts: Tensor, faces: Tensor, topology: Topology, ids: Tensor, depth: Tensor | None
     ) -> Crossings:
+        check_topology(topology, clip_verts, faces)
         _, height, width = ids.shape
         screen = raster.project(as_numpy(clip_verts), height, width, False)
         edges, offsets = silhouette.find_crossings(

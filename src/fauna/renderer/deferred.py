@@ -50,7 +50,7 @@ def render(
     topology = build_topology(posed.faces)
     image = renderer.antialias(image, fragments, clip, posed.faces, topology)
     return Renders(
-        silhouette=image[:, -1], covered=fragments.covered, rgb=image[:, :3], features=image[:, 3:-1]
+        silhouette=image[:, -1].clamp(0.0, 1.0), covered=fragments.covered, rgb=image[:, :3], features=image[:, 3:-1]
     )
 
 

@@ -8,7 +8,6 @@ from torch.autograd.function import once_differentiable
 from fauna.kernels import interpolation as kernels
 from fauna.kernels import silhouette as edge_kernels
 
-
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -21,13 +20,13 @@ class Barycentrics(torch.autograd.Function):
     """(clip_verts, faces, face_index) -> barycentrics."""
 
     @staticmethod
-    def forward(ctx, clip_verts, faces, face_index):
+    def forward(ctx, clip_verts, faces, face_index):  # noqa: D102
         ctx.save_for_backward(clip_verts, faces, face_index)
         return torch.from_numpy(kernels.barycentrics(as_numpy(clip_verts), as_numpy(faces), as_numpy(face_index)))
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, *grads):  # pyright: ignore[reportIncompatibleMethodOverride]
+    def backward(ctx, *grads):  # noqa: D102  # pyright: ignore[reportIncompatibleMethodOverride]
         (grad,) = grads
         clip_verts, faces, face_index = map(as_numpy, ctx.saved_tensors)
         return (
@@ -41,7 +40,7 @@ class Interpolate(torch.autograd.Function):
     """(attributes, barycentrics, faces, face_index) -> (row, chan, height, width) image."""
 
     @staticmethod
-    def forward(ctx, attributes, barycentrics, faces, face_index):
+    def forward(ctx, attributes, barycentrics, faces, face_index):  # noqa: D102
         ctx.save_for_backward(attributes, barycentrics, faces, face_index)
         rows, height, width = face_index.shape
         arrays = _by_pixel(attributes, barycentrics, faces, face_index)
@@ -49,7 +48,7 @@ class Interpolate(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, *grads):  # pyright: ignore[reportIncompatibleMethodOverride]
+    def backward(ctx, *grads):  # noqa: D102  # pyright: ignore[reportIncompatibleMethodOverride]
         (grad,) = grads
         attributes, barycentrics, _, _ = ctx.saved_tensors
         grad_attributes, grad_bary = kernels.interpolate_backward(
@@ -62,14 +61,14 @@ class InterpolateAt(torch.autograd.Function):
     """(attributes, barycentrics, faces, face_index, pixels) -> (pixel, chan) values."""
 
     @staticmethod
-    def forward(ctx, attributes, barycentrics, faces, face_index, pixels):
+    def forward(ctx, attributes, barycentrics, faces, face_index, pixels):  # noqa: D102
         ctx.save_for_backward(attributes, barycentrics, faces, face_index, pixels)
         arrays = _by_pixel(attributes, barycentrics, faces, face_index)
         return torch.from_numpy(kernels.interpolate_at(*arrays, as_numpy(pixels)))
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, *grads):  # pyright: ignore[reportIncompatibleMethodOverride]
+    def backward(ctx, *grads):  # noqa: D102  # pyright: ignore[reportIncompatibleMethodOverride]
         (grad,) = grads
         attributes, barycentrics, faces, face_index, pixels = ctx.saved_tensors
         arrays = _by_pixel(attributes, barycentrics, faces, face_index)
@@ -82,7 +81,7 @@ class Blend(torch.autograd.Function):
     """(image, weights, inner, outer) -> image blended across the contour, see ``edges.blend``."""
 
     @staticmethod
-    def forward(ctx, image, weights, inner, outer):
+    def forward(ctx, image, weights, inner, outer):  # noqa: D102
         ctx.save_for_backward(image, weights, inner, outer)
         blended = image.detach().clone(memory_format=torch.contiguous_format)
         arrays = map(as_numpy, (image.flatten(2), inner, outer, weights, blended.flatten(2)))
@@ -91,7 +90,7 @@ class Blend(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, *grads):  # pyright: ignore[reportIncompatibleMethodOverride]
+    def backward(ctx, *grads):  # noqa: D102  # pyright: ignore[reportIncompatibleMethodOverride]
         image, weights, inner, outer = ctx.saved_tensors
         grad = grads[0].contiguous()
         grad_image, grad_weights = grad.clone(), torch.empty_like(weights)

@@ -21,8 +21,8 @@ _SHARPNESS = math.log(2.0) / 0.5
 class ViewpointNetwork(nn.Module):
     """Feature map -> four viewpoints of a photo, with the loss each is expected to have, and a translation.
 
-    A hypothesis is the direction of the animal's +z axis in the camera's frame, without roll. Its x and z keep the signs of
-    the hypothesis' quadrant.
+    A hypothesis is the direction of the animal's +z axis in the camera's frame, without roll. Its x and z keep the
+    signs of the hypothesis' quadrant.
 
     Args:
         key_dim: channels of the key map.

@@ -33,8 +33,8 @@ def select(
 ) -> Selection:
     """Choose the rows of a training step.
 
-    ``all`` renders every hypothesis of every photo, photo-major. ``one`` renders the most probable hypothesis of a random
-    ``best_fraction`` of the photos and a uniformly random one of the others, spread evenly over the hypotheses.
+    ``all`` renders every hypothesis of every photo, photo-major. ``one`` renders the most probable hypothesis of a
+    random ``best_fraction`` of the photos and a uniformly random one of the others, spread evenly over the hypotheses.
 
     Args:
         hypotheses: of the batch.

@@ -15,7 +15,9 @@ def main() -> None:
     parser.add_argument("--per-species", type=int, default=6)
     parser.add_argument("--species", nargs="+", default=list(SPECIES), choices=SPECIES)
     parser.add_argument("--first", type=int, default=0, help="index of the first photo")
-    parser.add_argument("--stride", type=int, default=5, help="step between the indices; 5 shows a new individual each time")
+    parser.add_argument(
+        "--stride", type=int, default=5, help="step between the indices; 5 shows a new individual each time"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--size", type=int, default=256)
     parser.add_argument("--truth", action="store_true", help="draw the mask's outline and the keypoints")
@@ -41,7 +43,9 @@ def tile(sample: ZooSample, *, truth: bool) -> np.ndarray:
     label = sample.truth.species
     if truth:
         label += f" #{sample.truth.individual} {sample.truth.activity} az {sample.truth.azimuth_deg:.0f} el {sample.truth.elevation_deg:.0f}"
-        for name, spot, seen in zip(sample.truth.keypoint_names, sample.truth.keypoints_2d, sample.truth.keypoint_visible, strict=True):
+        for name, spot, seen in zip(
+            sample.truth.keypoint_names, sample.truth.keypoints_2d, sample.truth.keypoint_visible, strict=True
+        ):
             x, y = (spot + 1) * size / 2
             colour = {"left": (255, 60, 60), "righ": (60, 255, 60)}.get(name[:4], (255, 255, 0))
             draw.ellipse((x - 2.5, y - 2.5, x + 2.5, y + 2.5), fill=colour if seen else None, outline=colour)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from fauna.kernels.zoo_raster import value_noise
 from fauna.zoo.anatomy import Anatomy
@@ -51,7 +51,9 @@ def smoothstep(low: float, high: float, value: np.ndarray) -> np.ndarray:
     return t * t * (3 - 2 * t)
 
 
-def paint(coat: Coat, body: Body, surface: Surface, anatomy: Anatomy, normals: np.ndarray, rng: np.random.Generator) -> Float[np.ndarray, "vert 3"]:
+def paint(
+    coat: Coat, body: Body, surface: Surface, anatomy: Anatomy, normals: np.ndarray, rng: np.random.Generator
+) -> Float[np.ndarray, "vert 3"]:
     """Linear albedo of every vertex of an individual.
 
     Args:
@@ -75,7 +77,9 @@ def paint(coat: Coat, body: Body, surface: Surface, anatomy: Anatomy, normals: n
         amount = PATTERNS[coat.pattern](verts, leg, body, surface, coat.scale, seed)[:, None]
         colour = colour + (linear(coat.marks) * (0.85 + 0.3 * mottle) - colour) * amount
     if coat.belly:
-        under = smoothstep(coat.belly_height + 0.35, coat.belly_height - 0.25, normals[:, 1] + 0.25 * (mottle[:, 0] - 0.5))
+        under = smoothstep(
+            coat.belly_height + 0.35, coat.belly_height - 0.25, normals[:, 1] + 0.25 * (mottle[:, 0] - 0.5)
+        )
         under *= smoothstep(0.05, 0.25, verts[:, 1]) * (1 - 0.8 * leg)
         colour = colour + (linear(coat.belly) - colour) * under[:, None]
     parts = {"eye": EYE, "pupil": PUPIL} | dict(coat.parts)
@@ -120,15 +124,23 @@ def _stripes(verts: np.ndarray, leg: np.ndarray, body: Body, surface: Surface, s
 
 def _tiger(verts: np.ndarray, leg: np.ndarray, body: Body, surface: Surface, scale: float, seed: int) -> np.ndarray:
     """Narrow broken upright stripes, stronger on the back."""
-    wobble = scale * 1.7 * (value_noise(verts * np.array([3.0, 3.0, 3.0]), 2, seed) - 0.5)
+    wobble = scale * 1.7 * (value_noise(verts * 3.0, 2, seed) - 0.5)
     coordinate = np.where(leg > 0.5, 0.8 * verts[:, 1], verts[:, 2]) + wobble
     gaps = smoothstep(0.28, 0.42, value_noise(verts * np.array([5.0, 4.0, 4.0]), 2, seed + 9))
-    return _bands(coordinate, scale, 0.62 - 0.5) * gaps * (0.55 + 0.45 * smoothstep(0.25, 0.7, verts[:, 1]))
+    nose = np.linalg.norm(verts - body.keypoints["nose"][0], axis=1)
+    return (
+        _bands(coordinate, scale, 0.12)
+        * gaps
+        * (0.55 + 0.45 * smoothstep(0.25, 0.7, verts[:, 1]))
+        * smoothstep(0.12, 0.24, nose)
+    )
 
 
 def _patches(verts: np.ndarray, leg: np.ndarray, body: Body, surface: Surface, scale: float, seed: int) -> np.ndarray:
     """Cow: a few large blots."""
-    return smoothstep(0.495, 0.515, value_noise(verts / scale * np.array([0.8, 1, 1]), 2, seed)) * (1 - 0.9 * smoothstep(0.35, 0.15, verts[:, 1]))
+    return smoothstep(0.495, 0.515, value_noise(verts / scale * np.array([0.8, 1, 1]), 2, seed)) * (
+        1 - 0.9 * smoothstep(0.35, 0.15, verts[:, 1])
+    )
 
 
 def _net(verts: np.ndarray, leg: np.ndarray, body: Body, surface: Surface, scale: float, seed: int) -> np.ndarray:
@@ -156,13 +168,13 @@ def _cells(verts: np.ndarray, scale: float, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     order = rng.permutation(len(verts))
     chosen: list[int] = []
-    tree = cKDTree(verts)
+    tree = KDTree(verts)
     free = np.ones(len(verts), bool)
     for i in order:
         if free[i]:
             chosen.append(int(i))
             free[tree.query_ball_point(verts[i], 0.8 * scale)] = False
-    return cKDTree(verts[chosen]).query(verts, k=2)[0] / scale
+    return KDTree(verts[chosen]).query(verts, k=2)[0] / scale
 
 
 def _saddle(verts: np.ndarray, leg: np.ndarray, body: Body, surface: Surface, scale: float, seed: int) -> np.ndarray:

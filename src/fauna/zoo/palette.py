@@ -7,7 +7,9 @@ _DARK_NOSE = ("nose", "#15110f")
 
 
 def _horse(skin: str, mane: str, legs: str = "", muzzle: str = "") -> Coat:
-    parts = (("mane", mane), ("tuft", mane), _HOOF, ("nose", muzzle or "#2a211d")) + ((("muzzle", muzzle),) if muzzle else ())
+    parts = (("mane", mane), ("tuft", mane), _HOOF, ("nose", muzzle or "#2a211d")) + (
+        (("muzzle", muzzle),) if muzzle else ()
+    )
     return Coat(skin=skin, legs=legs, parts=parts)
 
 

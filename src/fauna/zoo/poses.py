@@ -45,11 +45,13 @@ def sample_pose(body: Body, species: str, rng: np.random.Generator) -> tuple[str
     if activity in GAITS:
         angles |= _gait(activity, rng, stiff=0.6 if species in ("elephant", "rhino", "pig") else 1.0)
     else:
-        angles |= {f"{limb}_{'shoulder' if 'front' in limb else 'hip'}": (rng.normal(0, 0.07), 0.0, 0.0) for limb in LIMBS}
+        angles |= {
+            f"{limb}_{'shoulder' if 'front' in limb else 'hip'}": (rng.normal(0, 0.07), 0.0, 0.0) for limb in LIMBS
+        }
     if activity == "graze":
         angles |= _graze(body, angles, rng)
     if activity == "sit":
-        angles |= _sit(rng)
+        angles |= _sit(body, rng)
     return activity, angles
 
 
@@ -125,9 +127,11 @@ def _bisect(function: Callable[[float], float], low: float, high: float) -> floa
     return 0.5 * (low + high)
 
 
-def _sit(rng: np.random.Generator) -> Angles:
+def _sit(body: Body, rng: np.random.Generator) -> Angles:
     pitch = rng.uniform(0.55, 0.75)
-    angles: Angles = {"pelvis": (-pitch, 0.0, 0.0), "tail0": (-0.1, 0.0, 0.0), "tail1": (-0.35, 0.0, 0.0)}
+    tail = body.joints["tail3"] - body.joints["tail0"]
+    hang = float(np.arctan2(-tail[1], -tail[2]))  # the tail is laid on the ground
+    angles: Angles = {"pelvis": (-pitch, 0.0, 0.0), "tail0": (pitch + hang - 0.2, 0.0, 0.0)}
     for limb in LIMBS:
         if "front" in limb:
             angles[f"{limb}_shoulder"] = (pitch - 0.1, 0.0, 0.0)

@@ -31,6 +31,7 @@ class Subject:
         albedo: (vert, 3) linear.
         gloss: (vert,) strength of the highlight.
         openness: (vert,) ambient occlusion.
+        floor: height of the ground it stands on.
     """
 
     verts: Float[np.ndarray, "vert 3"]
@@ -39,6 +40,7 @@ class Subject:
     albedo: Float[np.ndarray, "vert 3"]
     gloss: Float[np.ndarray, " vert"]
     openness: Float[np.ndarray, " vert"]
+    floor: float
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,9 @@ class Photo:
     depth: Float[np.ndarray, "fine fine"]
 
 
-def photograph(subject: Subject, view: View, surroundings: Surroundings, size: int, noise: np.random.Generator) -> Photo:
+def photograph(
+    subject: Subject, view: View, surroundings: Surroundings, size: int, noise: np.random.Generator
+) -> Photo:
     """Render one crop.
 
     Args:
@@ -75,20 +79,24 @@ def photograph(subject: Subject, view: View, surroundings: Surroundings, size: i
     layer[covered] = _shade(subject, view, surroundings, shadow, subject.faces[index[covered]], bary[covered])
     colour, coverage = _shrink(layer), _shrink(covered[..., None].astype(float))
     rays = pixel_rays(view, size)
-    floor = float(subject.verts[:, 1].min())
-    behind, points = background(surroundings, view, rays, floor)
-    behind = behind * _ground_light(subject, surroundings, shadow, points, floor)
+    behind, points = background(surroundings, view, rays, subject.floor)
+    behind = behind * _ground_light(subject, surroundings, shadow, points)
     valid = inside_photo(view, size)
     image = _develop(colour + behind * (1 - coverage), surroundings, noise) * valid[..., None]
     mask = np.where((coverage[..., 0] >= 0.5) & valid, 255, 0).astype(np.uint8)
     return Photo(np.rint(255 * image).astype(np.uint8), mask, depth)
 
 
-def visible(view: View, photo: Photo, points: Float[np.ndarray, "point 3"], depths: Float[np.ndarray, " point"]) -> Bool[np.ndarray, " point"]:
+def visible(
+    view: View, photo: Photo, points: Float[np.ndarray, "point 3"], depths: Float[np.ndarray, " point"]
+) -> Bool[np.ndarray, " point"]:
     """Whether points no deeper than ``depths`` under the surface can be seen in the crop."""
     toward = np.linalg.inv(view.camera_from_world)[:3, 3] - points
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
-    seen, lifted = project(view.clip_from_world, points), project(view.clip_from_world, points + depths[:, None] * toward)
+    seen, lifted = (
+        project(view.clip_from_world, points),
+        project(view.clip_from_world, points + depths[:, None] * toward),
+    )
     fine = photo.depth.shape[0]
     at = np.floor((seen[:, :2] / seen[:, 3:] + 1) * 0.5 * fine).astype(int)
     inside = ((at >= 0) & (at < fine)).all(1)
@@ -135,9 +143,13 @@ class _ShadowMap:
         return 1 - map_coordinates(blurred, self._texels(points)[0], order=1, mode="constant")
 
 
-def _shade(subject: Subject, view: View, s: Surroundings, shadow: _ShadowMap, corners: np.ndarray, bary: np.ndarray) -> np.ndarray:
+def _shade(
+    subject: Subject, view: View, s: Surroundings, shadow: _ShadowMap, corners: np.ndarray, bary: np.ndarray
+) -> np.ndarray:
     normals = vertex_normals(subject.verts, subject.faces)
-    table = np.concatenate([normals, subject.verts, subject.rest, subject.albedo, subject.gloss[:, None], subject.openness[:, None]], 1)
+    table = np.concatenate(
+        [normals, subject.verts, subject.rest, subject.albedo, subject.gloss[:, None], subject.openness[:, None]], 1
+    )
     values = sum(table[corners[:, i]] * bary[:, i : i + 1] for i in range(3))
     normal, place, rest, albedo, gloss, openness = np.split(values, (3, 6, 9, 12, 13), 1)
     fur = value_noise(rest * [70, 28, 70], 2, s.seed % 1000)[:, None] - 0.5
@@ -148,32 +160,41 @@ def _shade(subject: Subject, view: View, s: Surroundings, shadow: _ShadowMap, co
     half = toward + shadow.sun
     half /= np.linalg.norm(half, axis=1, keepdims=True)
     wrap = 0.15 + 0.35 * s.softness
-    sun = (np.clip((normal @ shadow.sun + wrap) / (1 + wrap), 0, 1) * (s.softness + (1 - s.softness) * shadow.light(place)))[:, None]
+    sun = (
+        np.clip((normal @ shadow.sun + wrap) / (1 + wrap), 0, 1) * (s.softness + (1 - s.softness) * shadow.light(place))
+    )[:, None]
     up = 0.5 + 0.5 * normal[:, 1:2]
     open_ = 0.35 + 0.65 * openness
     light = sun * s.sun_colour + open_ * (up * s.sky_colour + (1 - up) * s.bounce)
     shine = np.clip((normal * half).sum(1, keepdims=True), 0, 1) ** np.where(gloss > 0.2, 60.0, 12.0)
     rim = 0.05 * (1 - np.clip((normal * toward).sum(1, keepdims=True), 0, 1)) ** 3
-    return albedo * (1 + 0.5 * fur * (gloss < 0.1)) * light + (gloss * shine * sun + rim * open_) * (s.sun_colour + s.sky_colour) * 0.7
+    return (
+        albedo * (1 + 0.5 * fur * (gloss < 0.1)) * light
+        + (gloss * shine * sun + rim * open_) * (s.sun_colour + s.sky_colour) * 0.7
+    )
 
 
-def _ground_light(subject: Subject, s: Surroundings, shadow: _ShadowMap, points: np.ndarray, floor: float) -> np.ndarray:
+def _ground_light(subject: Subject, s: Surroundings, shadow: _ShadowMap, points: np.ndarray) -> np.ndarray:
     """Light on the background relative to an empty scene: the shadow of the animal and the dark under its feet."""
     out = np.ones((*points.shape[:2], 1))
     hit = np.isfinite(points[..., 0])
     if not hit.any():
         return out
-    at = points[hit]
-    low = subject.verts[subject.verts[:, 1] < floor + 0.45 * np.ptp(subject.verts[:, 1])]
+    at, reach = points[hit], 0.45 * np.ptp(subject.verts[:, 1])
+    low = subject.verts[subject.verts[:, 1] < subject.floor + reach]
     first, extent = low[:, [0, 2]].min(0) - 0.6, np.ptp(low[:, [0, 2]], axis=0) + 1.2
     cells = 64
-    weight = np.clip(1 - (low[:, 1] - floor) / (0.45 * np.ptp(subject.verts[:, 1])), 0, 1)
-    histogram = np.histogram2d(*((low[:, [0, 2]] - first) / extent).T, bins=cells, range=((0, 1), (0, 1)), weights=weight)[0]
+    weight = np.clip(1 - (low[:, 1] - subject.floor) / reach, 0, 1)
+    histogram = np.histogram2d(
+        *((low[:, [0, 2]] - first) / extent).T, bins=cells, range=((0, 1), (0, 1)), weights=weight
+    )[0]
     dark = gaussian_filter(np.minimum(histogram / 3.0, 1.0), 1.6)
     contact = map_coordinates(dark, ((at[:, [0, 2]] - first) / extent * cells - 0.5).T, order=1, mode="constant")
     direct = (s.sun_colour * s.sun[1]).mean()
     ambient = s.sky_colour.mean()
-    lit = (ambient * (1 - 0.6 * np.clip(contact, 0, 1)) + direct * shadow.ground_light(at, s.softness)) / (ambient + direct)
+    lit = (ambient * (1 - 0.6 * np.clip(contact, 0, 1)) + direct * shadow.ground_light(at, s.softness)) / (
+        ambient + direct
+    )
     out[hit] = lit[:, None]
     return out
 

@@ -129,7 +129,7 @@ def background(
     ground = _ground(s, points, distance, size)
     near = falls & (distance > 0) & (distance < 80)
     far = gaussian_filter(sky, (s.blur * size, s.blur * size, 0))
-    fade = smoothstep(80, 25, np.where(near, distance, 80))[..., None]
+    fade = smoothstep(80.0, 25.0, np.where(near, distance, 80))[..., None]
     return np.where(near[..., None], ground * fade + far * (1 - fade), far), np.where(near[..., None], points, np.nan)
 
 
@@ -143,7 +143,9 @@ def _sky(s: Surroundings, view: View, rays: np.ndarray) -> np.ndarray:
     cloud = smoothstep(0.45, 0.75, value_noise(at, 4, s.seed)).reshape(height.shape)[..., None]
     colour = colour + (s.sky.max() * 1.1 - colour) * 0.5 * s.clouds * cloud
     if s.clutter_height > 0:
-        outline = value_noise(np.stack([bearing * s.clutter_scale, 0 * bearing, 0 * bearing], -1).reshape(-1, 3), 4, s.seed + 1)
+        outline = value_noise(
+            np.stack([bearing * s.clutter_scale, 0 * bearing, 0 * bearing], -1).reshape(-1, 3), 4, s.seed + 1
+        )
         top = s.clutter_height * (0.3 + 1.4 * outline.reshape(height.shape))
         at = np.stack([bearing * 2 * s.clutter_scale, height * 2 * s.clutter_scale, 0 * height], -1).reshape(-1, 3)
         texture = value_noise(at, 4, s.seed + 2).reshape(height.shape)[..., None]
@@ -155,6 +157,6 @@ def _ground(s: Surroundings, points: np.ndarray, distance: np.ndarray, size: int
     at = np.nan_to_num(points, nan=0.0).clip(-200, 200).reshape(-1, 3) * [1, 0, 1]
     coarse = value_noise(at / s.grain, 4, s.seed + 3).reshape(size, size)
     fine = value_noise(at / (0.06 * s.grain), 3, s.seed + 4).reshape(size, size)
-    fine = 0.5 + (fine - 0.5) * smoothstep(30, 4, np.nan_to_num(distance, nan=30.0))
+    fine = 0.5 + (fine - 0.5) * smoothstep(30.0, 4.0, np.nan_to_num(distance, nan=30.0))
     mix = np.clip(0.5 + s.contrast * (1.6 * (coarse - 0.5) + 1.4 * (fine - 0.5)), 0, 1)[..., None]
     return s.ground[0] + (s.ground[1] - s.ground[0]) * mix

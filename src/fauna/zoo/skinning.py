@@ -8,7 +8,9 @@ from scipy.spatial.transform import Rotation
 
 
 def bone_transforms(
-    joints: Mapping[str, np.ndarray], parents: Mapping[str, str | None], angles: Mapping[str, tuple[float, float, float]]
+    joints: Mapping[str, np.ndarray],
+    parents: Mapping[str, str | None],
+    angles: Mapping[str, tuple[float, float, float]],
 ) -> dict[str, np.ndarray]:
     """Posed-from-rest transform of every bone.
 
@@ -32,7 +34,9 @@ def bone_transforms(
 
 
 def skin(
-    verts: Float[np.ndarray, "vert 3"], weights: Float[np.ndarray, "vert bone"], transforms: Float[np.ndarray, "bone 4 4"]
+    verts: Float[np.ndarray, "vert 3"],
+    weights: Float[np.ndarray, "vert bone"],
+    transforms: Float[np.ndarray, "bone 4 4"],
 ) -> Float[np.ndarray, "vert 3"]:
     """Blend rigid motions as dual quaternions, which keeps the volume of bent limbs.
 

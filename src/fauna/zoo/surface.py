@@ -50,14 +50,19 @@ def build_surface(body: Body, *, cells: int, fleece: float) -> Surface:
         fleece: height of the curls of the wool, 0 for none.
     """
     bones = {name: i for i, name in enumerate(body.joints)}
-    names = tuple(dict.fromkeys([c.material for c in body.cones] + [m for t in body.tubes for m in t.materials] + ["eye", "pupil"]))
+    names = tuple(
+        dict.fromkeys(
+            [c.material for c in body.cones] + [m for t in body.tubes for m in t.materials] + ["eye", "pupil"]
+        )
+    )
     index = {name: i for i, name in enumerate(names)}
     parts = [_flesh(body, bones, index, cells, fleece)]
     parts += [_tube(tube, bones, index) for tube in body.tubes]
-    parts += [_eye(body, place, radius, bones, index) for place, radius in body.eyes]
+    parts += [_eye(centre, radius, bones, index) for centre, radius in body.eyes]
     offsets = np.cumsum([0] + [len(part[0]) for part in parts[:-1]])
     verts, faces, weights, materials, openness = (
-        np.concatenate([part[i] + (offset if i == 1 else 0) for part, offset in zip(parts, offsets, strict=True)]) for i in range(5)
+        np.concatenate([part[i] + (offset if i == 1 else 0) for part, offset in zip(parts, offsets, strict=True)])
+        for i in range(5)
     )
     return Surface(verts, faces, weights, materials, names, openness)
 
@@ -76,12 +81,23 @@ def _rows(cones: list[Cone]) -> tuple[np.ndarray, np.ndarray]:
     return rows, np.array([c.blend for c in cones])
 
 
-def _flesh(body: Body, bones: dict[str, int], index: dict[str, int], cells: int, fleece: float) -> tuple[np.ndarray, ...]:
+def _flesh(
+    body: Body, bones: dict[str, int], index: dict[str, int], cells: int, fleece: float
+) -> tuple[np.ndarray, ...]:
     rows, _ = _rows(body.cones)
-    reach = np.concatenate([rows[:, :3] - rows[:, 6:7], rows[:, 3:6] - rows[:, 7:8], rows[:, :3] + rows[:, 6:7], rows[:, 3:6] + rows[:, 7:8]])
+    reach = np.concatenate(
+        [
+            rows[:, :3] - rows[:, 6:7],
+            rows[:, 3:6] - rows[:, 7:8],
+            rows[:, :3] + rows[:, 6:7],
+            rows[:, 3:6] + rows[:, 7:8],
+        ]
+    )
     low, high = reach.min(0), reach.max(0)
     cell = float((high - low).max() / cells)
-    pad = 3 + int(np.ceil(0.25 * max(c.blend for c in body.cones) / cell))  # a smooth union bulges by a quarter of its blend
+    pad = 3 + int(
+        np.ceil(0.25 * max(c.blend for c in body.cones) / cell)
+    )  # a smooth union bulges by a quarter of its blend
     origin = low - pad * cell
     shape = tuple(np.ceil((high - low) / cell).astype(int) + 2 * pad)
     field = np.full(shape, FAR)
@@ -136,7 +152,10 @@ def _tube(tube: Tube, bones: dict[str, int], index: dict[str, int]) -> tuple[np.
     wide /= np.linalg.norm(wide, axis=1, keepdims=True)
     across = np.cross(tangent, wide)
     angle = 2 * np.pi * np.arange(RING) / RING
-    ring = np.cos(angle)[:, None] * (tube.axes[:, :1] * wide)[:, None] + np.sin(angle)[:, None] * (tube.axes[:, 1:] * across)[:, None]
+    ring = (
+        np.cos(angle)[:, None] * (tube.axes[:, :1] * wide)[:, None]
+        + np.sin(angle)[:, None] * (tube.axes[:, 1:] * across)[:, None]
+    )
     cap = 0.5 * tube.axes.min(1)[[0, -1], None] * tangent[[0, -1]] * [[-1], [1]]
     verts = np.concatenate([(path[:, None] + ring).reshape(-1, 3), path[[0, -1]] + cap])
     a = (np.arange(count - 1)[:, None] * RING + np.arange(RING)).ravel()
@@ -152,20 +171,14 @@ def _tube(tube: Tube, bones: dict[str, int], index: dict[str, int]) -> tuple[np.
     weights = np.zeros((count, len(bones)))
     for k, name in enumerate(tube.bones):
         weights[:, bones[name]] = np.clip(1 - np.abs(np.clip(spot, 0, len(tube.bones) - 1) - k), 0, 1)
-    materials = np.resize([index[m] for m in tube.materials], count) if len(tube.materials) > 1 else np.full(count, index[tube.materials[0]])
+    materials = np.resize([index[m] for m in tube.materials], count)  # one per ring, or one for all
     rows = np.concatenate([np.repeat(np.arange(count), RING), [0, count - 1]])
     return verts, faces, weights[rows], materials[rows], np.full(len(rows), 0.85)
 
 
-def _eye(body: Body, place: np.ndarray, radius: float, bones: dict[str, int], index: dict[str, int]) -> tuple[np.ndarray, ...]:
-    """A ball half sunk into the side of the head, on the side given by the sign of ``radius``."""
-    sign, radius = np.sign(radius), abs(radius)
-    cones, _ = _rows([c for c in body.cones if c.bone == "head"])
-    outward = np.linspace(0, 0.6, 400)
-    line = place * (0, 1, 1) + outward[:, None] * [sign, 0, 0]
-    inside = cone_distances(line, cones).min(1) < 0
-    edge = outward[inside].max() if inside.any() else 0.0
-    centre = place * (0, 1, 1) + np.array([sign * (edge - 0.25 * radius), 0, 0])
+def _eye(centre: np.ndarray, radius: float, bones: dict[str, int], index: dict[str, int]) -> tuple[np.ndarray, ...]:
+    """A ball looking to its side and forward."""
+    sign = np.sign(centre[0])
     ring, stack = 12, 9
     theta, phi = np.pi * np.arange(1, stack) / stack, 2 * np.pi * np.arange(ring) / ring
     ball = np.stack([

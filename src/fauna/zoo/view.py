@@ -35,7 +35,9 @@ class View:
     fov_deg: float
 
 
-def project(clip_from_world: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point 4"]:
+def project(
+    clip_from_world: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "point 3"]
+) -> Float[np.ndarray, "point 4"]:
     """Homogeneous clip positions."""
     return points @ clip_from_world[:, :3].T + clip_from_world[:, 3]
 
@@ -90,7 +92,7 @@ def sample_view(verts: Float[np.ndarray, "vert 3"], faces: Int[np.ndarray, "face
     seen = project(camera, verts)
     slopes = seen[:, :2] / -seen[:, 2:3]
     fit = min(0.5 * width / np.abs(slopes[:, 0]).max(), 0.5 * height / np.abs(slopes[:, 1]).max())
-    focal = min(0.98 * fit, rng.uniform(0.45, 0.82) * min(width, height) / (1.1 * np.ptp(slopes, axis=0).max()))
+    focal = min(0.98 * fit, rng.uniform(0.42, 0.74) * min(width, height) / (1.1 * np.ptp(slopes, axis=0).max()))
     photo = _clip_from_camera(2 * focal / width, 2 * focal / height) @ camera
     left, top, side = _cut(project(photo, verts), faces, width, height)
     cut = np.eye(4)

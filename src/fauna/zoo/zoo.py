@@ -10,7 +10,8 @@ from fauna.errors import FaunaError
 from fauna.random import derive_seed
 from fauna.zoo.anatomy import Anatomy
 from fauna.zoo.beasts import CLAWED
-from fauna.zoo.body import KEYPOINTS, Body, build_body
+from fauna.zoo.body import KEYPOINTS, Body
+from fauna.zoo.build import build_body
 from fauna.zoo.coat import paint
 from fauna.zoo.palette import COATS
 from fauna.zoo.poses import sample_pose
@@ -97,6 +98,8 @@ class _Individual:
     surface: Surface
     albedo: np.ndarray
     gloss: np.ndarray
+    anchors: dict[str, int]  # vertices that carry the keypoints of the skin
+    bearing: np.ndarray  # vertices that may rest on the ground
 
 
 class Zoo:
@@ -136,11 +139,21 @@ class Zoo:
         transforms = bone_transforms(body.joints, body.parents, angles)
         posed = skin(surface.verts, surface.weights, np.stack([transforms[name] for name in body.joints]))
         view = sample_view(posed, surface.faces, self._rng("view", species, index))
-        subject = Subject(posed, surface.verts, surface.faces, animal.albedo, animal.gloss, surface.openness)
+        subject = Subject(
+            posed,
+            surface.verts,
+            surface.faces,
+            animal.albedo,
+            animal.gloss,
+            surface.openness,
+            float(posed[animal.bearing, 1].min()),
+        )
         surroundings = self.surroundings(index * len(SPECIES) + SPECIES.index(species))
         photo = photograph(subject, view, surroundings, self.image_size, self._rng("grain", species, index))
         places, bones, depths = zip(*(body.keypoints[name] for name in KEYPOINTS), strict=True)
         keypoints = np.stack([(transforms[b] @ np.append(p, 1.0))[:3] for p, b in zip(places, bones, strict=True)])
+        for name, vertex in animal.anchors.items():
+            keypoints[KEYPOINTS.index(name)] = posed[vertex]
         clip = project(view.clip_from_world, keypoints)
         truth = ZooTruth(
             species, number, activity, view.camera_from_world, view.clip_from_world, view.azimuth_deg, view.elevation_deg, view.fov_deg,
@@ -176,7 +189,29 @@ def _grow(species: str, rng: np.random.Generator) -> _Individual:
     coat = COATS[species][rng.integers(len(COATS[species]))]
     albedo = paint(coat, body, surface, anatomy, vertex_normals(surface.verts, surface.faces), rng)
     gloss = np.array([GLOSS.get(name, FUR_GLOSS) for name in surface.material_names])[surface.materials]
-    return _Individual(body, surface, albedo, gloss)
+    return _Individual(body, surface, albedo, gloss, _anchors(body, surface), _bearing(body, surface))
+
+
+def _anchors(body: Body, surface: Surface) -> dict[str, int]:
+    """Vertices on the mirror line nearest to nose, throat and tail, and the top of the withers: they bend with the skin."""
+    middle = np.flatnonzero(np.abs(surface.verts[:, 0]) < 0.02)
+    line = surface.verts[middle]
+    anchors = {}
+    for name in ("nose", "throat", "withers", "tailbase"):
+        place = body.keypoints[name][0]
+        away = np.linalg.norm(line - place, axis=1)
+        if name == "withers":
+            away = np.where(np.abs(line[:, 2] - place[2]) < 0.02, -line[:, 1], np.inf)
+        anchors[name] = int(middle[away.argmin()])
+    return anchors
+
+
+def _bearing(body: Body, surface: Surface) -> np.ndarray:
+    """Vertices of trunk and legs."""
+    loose = np.array(
+        [name.startswith(("neck", "head", "tail", "proboscis")) or name.endswith("ear") for name in body.joints]
+    )
+    return np.flatnonzero(~loose[surface.weights.argmax(1)])
 
 
 def vary(anatomy: Anatomy, rng: np.random.Generator) -> Anatomy:
@@ -189,7 +224,10 @@ def vary(anatomy: Anatomy, rng: np.random.Generator) -> Anatomy:
             changes[item.name] = value + rng.normal(0, 4.0)
         elif isinstance(value, float):
             changes[item.name] = value * np.exp(rng.normal(0, VARIATION))
-    fixed = {name: getattr(anatomy, name) for name in ("croup", "arch", "knee", "hock", "fetlock", "muzzle_start", "skull", "jaw", "muzzle_drop")}
+    fixed = {
+        name: getattr(anatomy, name)
+        for name in ("croup", "arch", "knee", "hock", "fetlock", "muzzle_start", "skull", "jaw", "muzzle_drop")
+    }
     for name, share in {"belly": 0.05, "width": 0.04, "thigh": 0.06, "neck_root": 0.05}.items():
         changes[name] *= np.exp(share * stout)
     return replace(anatomy, **(changes | fixed))
