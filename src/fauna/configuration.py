@@ -49,8 +49,8 @@ def _targets(node: Any, path: str) -> Iterator[tuple[str, DictConfig]]:
     if isinstance(node, DictConfig):
         if "_target_" in node:
             yield path, node
-        for key in node:
-            inner = f"{path}.{key}" if path else str(key)
+        for key in map(str, node):
+            inner = f"{path}.{key}" if path else key
             if not OmegaConf.is_missing(node, key) and not OmegaConf.is_interpolation(node, key):
                 yield from _targets(node._get_node(key), inner)
 

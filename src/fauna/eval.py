@@ -1,7 +1,7 @@
 """``fauna-eval``: losses, silhouette IoU and pictures of a checkpoint or weight file."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -39,7 +39,7 @@ def evaluate_weights(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     from fauna.io.run_folder import write_json
 
     weights = Path(cfg.weights)
-    stored = OmegaConf.create(read_weights(weights)[1]["config"])
+    stored = DictConfig(read_weights(weights)[1]["config"])
     stored.data = _dataset(stored.data, cfg)
     encoder = build_encoder(stored)
     data = instantiate(stored.data, _convert_="all", _partial_=True)(encoder=encoder)
@@ -62,10 +62,10 @@ def _dataset(stored: DictConfig, cfg: DictConfig) -> DictConfig:
     given = cfg.get("data")
     if given is None:
         return stored
-    replaced = given if "_target_" in given else OmegaConf.merge(stored, given)
-    if "_target_" in given:
-        replaced.image_size = stored.image_size
-    return replaced
+    if "_target_" not in given:
+        return cast(DictConfig, OmegaConf.merge(stored, given))
+    given.image_size = stored.image_size
+    return given
 
 
 def _print_table(report: dict[str, Any], folder: Path) -> None:

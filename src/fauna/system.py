@@ -70,6 +70,7 @@ class FaunaSystem(LightningModule):
         self.seed = seed
         self.adversarial = False  # set by the DiscriminatorWindow callback
         self.last_finite = True
+        self.latest: dict[str, Tensor] = {}  # what the last step logs, for the progress line
 
     def training_step(self, batch: Sequence[Batch], batch_idx: int) -> None:
         """One optimiser step over this process's micro-batches (``data.accumulate`` of them)."""
@@ -78,6 +79,7 @@ class FaunaSystem(LightningModule):
         generator.zero_grad()
         pairs: list[MaskPair] = []
         terms: dict[str, Tensor] = {}
+        out = None
         for position, micro in enumerate(batch):
             draws = Draws(self.seed, step, self.global_rank * len(batch) + position)
             losses, out, pair = self.generator_losses(micro, draws)
@@ -88,7 +90,7 @@ class FaunaSystem(LightningModule):
         self._finish(generator, list(self.model.parameters()), terms["total"])
         if pairs:
             terms |= self._discriminator_step(discriminator, pairs, share)
-        self._log_terms(terms, out)
+        self._log_terms(terms, out, step)
 
     def generator_losses(self, batch: Batch, draws: Draws) -> tuple[Losses, Reconstruction, MaskPair | None]:
         """Forward pass and every loss term of the generator for one micro-batch."""
@@ -164,8 +166,9 @@ class FaunaSystem(LightningModule):
             optimizer.step()
         return terms
 
-    def _log_terms(self, terms: Mapping[str, Tensor], out: Reconstruction) -> None:
-        if self.trainer.fit_loop.epoch_loop._should_accumulate() or not self.trainer.is_global_zero:
+    def _log_terms(self, terms: Mapping[str, Tensor], out: Reconstruction, step: int) -> None:
+        """Exactly the terms of this step, which ``self.log`` cannot do: it repeats the last value of a term that has ended."""
+        if not self.trainer.is_global_zero:
             return
         values = {f"loss/{name}": value for name, value in terms.items()}
         values["model/verts"] = torch.tensor(float(out.base.verts.shape[0]))
@@ -174,7 +177,10 @@ class FaunaSystem(LightningModule):
         if out.readout.weights is not None:
             share = out.readout.weights.detach().abs()
             values["bank/entropy"] = -(share * share.clamp_min(1e-12).log()).sum(dim=1).mean()
-        self.log_dict(values, rank_zero_only=True)
+        self.latest = values
+        if (step + 1) % self.trainer.log_every_n_steps == 0:  # type: ignore[attr-defined]
+            for logger in self.trainer.loggers:
+                logger.log_metrics({name: float(value) for name, value in values.items()}, step)
 
 
 def parameter_groups(model: FaunaModel) -> tuple[list[torch.nn.Parameter], list[torch.nn.Parameter]]:

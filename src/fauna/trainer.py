@@ -1,5 +1,6 @@
 """Lightning's Trainer, set up for runs that are exact functions of seed and step."""
 
+import logging
 import warnings
 from collections.abc import Sequence
 from typing import Any
@@ -51,7 +52,10 @@ def build_trainer(
         raise FaunaError(f"trainer.max_steps: expected a whole number >= 1, got {max_steps}; e.g. trainer.max_steps=3000")
     if threads is not None:
         torch.set_num_threads(threads)
-    warnings.filterwarnings("ignore", message=".*does not have many workers.*")
+    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # costs a pass over every new tensor; nothing reads them
+    for noise in (".*does not have many workers.*", ".*in eval mode at the start of training.*", ".*LeafSpec.*"):
+        warnings.filterwarnings("ignore", message=noise)
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     warnings.filterwarnings("ignore", message=".*`IterableDataset` has `__len__` defined.*")
     on_gpu = accelerator in ("gpu", "cuda") or (accelerator == "auto" and torch.cuda.is_available())
     try:

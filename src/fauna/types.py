@@ -6,6 +6,7 @@ A step renders one row per photo when one hypothesis is sampled and ``hyp`` rows
 """
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -70,7 +71,7 @@ class Batch:
     def to(self, device: torch.device) -> "Batch":
         """The same on another device."""
         movable = (Tensor, Features)
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
         return Batch(**{name: value.to(device) if isinstance(value, movable) else value for name, value in values.items()})
 
 

@@ -27,6 +27,7 @@ OPTIONS = {
     "num_heads": 4,
     "mlp_ratio": 2.0,
     "output_gain": 0.5,
+    "output_init": 1.0,
     "max_angle_deg": 60.0,
     "body_twist_deg": 6.0,
 }

@@ -38,6 +38,7 @@ class ArticulationTransformer(Articulation):
         num_heads: attention heads.
         mlp_ratio: hidden width of a block's MLP relative to ``hidden_dim``.
         output_gain: angles are ``tanh(output_gain * output)`` times their limit.
+        output_init: factor on the initial weights of the last layer (paper: 1; small = bones start almost straight).
         max_angle_deg: largest angle, degrees.
         body_twist_deg: largest twist of spine bones, degrees.
     """
@@ -59,6 +60,7 @@ class ArticulationTransformer(Articulation):
         num_heads: int,
         mlp_ratio: float,
         output_gain: float,
+        output_init: float,
         max_angle_deg: float,
         body_twist_deg: float,
     ) -> None:
@@ -85,6 +87,9 @@ class ArticulationTransformer(Articulation):
         self.in_layer = nn.Sequential(nn.Linear(token_dim, hidden_dim), nn.GELU(), nn.LayerNorm(hidden_dim))
         self.blocks = nn.Sequential(*(_Block(hidden_dim, num_heads, mlp_ratio) for _ in range(num_blocks)))
         self.out_layer = nn.Linear(hidden_dim, 3)
+        with torch.no_grad():
+            for parameter in self.out_layer.parameters():
+                parameter.mul_(output_init)
         self.local_points: Tensor
         self.index_code: Tensor
         self.register_buffer("local_points", torch.tensor(list(local_points)), persistent=False)

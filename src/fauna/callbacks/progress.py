@@ -6,6 +6,8 @@ from typing import Any
 from lightning import Callback, LightningModule, Trainer
 from rich.console import Console
 
+from fauna.system import FaunaSystem
+
 
 class ProgressLine(Callback):
     """Prints plain lines, so that logs of unattended runs stay readable.
@@ -35,7 +37,8 @@ class ProgressLine(Callback):
         if not trainer.is_global_zero or speed == 0:
             return
         left = (trainer.max_steps - trainer.global_step) / speed
-        shown = {k.removeprefix("loss/"): float(v) for k, v in trainer.logged_metrics.items() if k.startswith("loss/")}
+        assert isinstance(pl_module, FaunaSystem)
+        shown = {k.removeprefix("loss/"): float(v) for k, v in pl_module.latest.items() if k.startswith("loss/")}
         losses = "  ".join(f"{name} {value:.4g}" for name, value in shown.items())
         self.console.print(
             f"step {trainer.global_step}/{trainer.max_steps}  {speed:.2f} it/s  {_duration(left)} left  {losses}"

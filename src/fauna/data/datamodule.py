@@ -1,5 +1,6 @@
 """The data module: batches as a pure function of (seed, step), validation photos one by one."""
 
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Literal
 
 import torch
 from lightning import LightningDataModule
+from rich.progress import track
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
@@ -50,6 +52,8 @@ class PhotoDataModule(LightningDataModule):
         cache_features: keep frozen features on disk.
         memory_megabytes: budget for decoded photos in memory.
         fit_photos: training photos that the feature space is fitted on.
+        fill_workers: threads that compute features side by side before training, ``None`` = one per core; values do not
+            depend on it.
     """
 
     def __init__(
@@ -75,6 +79,7 @@ class PhotoDataModule(LightningDataModule):
         cache_features: bool,
         memory_megabytes: int,
         fit_photos: int,
+        fill_workers: int | None,
     ) -> None:
         super().__init__()
         for key, value in {"batch_size": batch_size, "accumulate": accumulate, "fit_photos": fit_photos}.items():
@@ -91,6 +96,7 @@ class PhotoDataModule(LightningDataModule):
         self.flip_probability = flip_probability
         self.on_bad: Literal["skip", "error"] = on_bad
         self.fit_photos = fit_photos
+        self.fill_workers = fill_workers or min(os.cpu_count() or 1, 16)
         self.loader = PhotoLoader(
             encoder=encoder,
             image_size=image_size,
@@ -160,8 +166,18 @@ class PhotoDataModule(LightningDataModule):
             photos = photos[: max(turns, self.fit_photos)]
             order = torch.randperm(len(photos), generator=torch.Generator().manual_seed(derive_seed(self.seed, "fit")))
             photos = [photos[int(place)] for place in order[: self.fit_photos]]
+        self.fill(photos)
         for photo in photos:
             yield self.loader.sample(photo)
+
+    def fill(self, photos: list[Photo]) -> None:
+        """Draw or decode photos and compute their features on all cores, with a progress bar; only what is missing."""
+        cache = self.loader.features
+        if cache is None or not (todo := cache.missing(photos)):
+            return
+        described = f"features of {len(todo)} photos (once; kept in {cache.folder.parent.parent})"
+        for _ in track(cache.fill(todo, workers=self.fill_workers), description=described, total=len(todo)):
+            pass
 
     def step_batches(self, step: int, sampler: SpeciesSampler, rank: int) -> list[Batch]:
         """Micro-batches of one process at one step."""

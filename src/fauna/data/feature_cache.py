@@ -140,7 +140,7 @@ class FeatureCache:
             checksum = int(content[len(MAGIC) : HEADER_BYTES].view("<u4")[int(flip)])
             start = HEADER_BYTES + int(flip) * 2 * self._record_values
             record = content[start : start + 2 * self._record_values]
-            if zlib.crc32(record) == checksum:
+            if zlib.crc32(record.data) == checksum:
                 return record.view("<f2")
         warnings.warn(f"feature cache file {path.name} is damaged and is computed anew", UserWarning, stacklevel=3)
         return None

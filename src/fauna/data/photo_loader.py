@@ -15,6 +15,9 @@ from fauna.encoder.base import Encoder
 from fauna.types import Batch, Features
 
 
+FEATURE_MAP_CHANNELS = 16  # of a published ``feat16.png``
+
+
 @dataclass(frozen=True)
 class Pixels:
     """What a batch needs of one photo at render resolution, not mirrored; 8-bit where that loses nothing."""
@@ -102,5 +105,9 @@ class PhotoLoader:
     def _targets(self, photos: Sequence[Photo], flips: Sequence[bool]) -> Tensor | None:
         if any(photo.feature_map is None for photo in photos):
             return None
-        maps = [read_feature_map(photo.feature_map) for photo in photos if photo.feature_map is not None]
+        maps = [
+            read_feature_map(photo.feature_map, channels=FEATURE_MAP_CHANNELS, codec="unit")
+            for photo in photos
+            if photo.feature_map is not None
+        ]
         return torch.stack([flip_map(each) if flip else each for each, flip in zip(maps, flips, strict=True)])

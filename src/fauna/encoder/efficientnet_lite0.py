@@ -136,7 +136,7 @@ class EfficientNetLite0(Encoder):
         pool = f"center{center_sigma:g}" if pooling == "center" else "mean"
         super().__init__(
             name="efficientnet_lite0",
-            network=network.to(dtype=getattr(torch, dtype), memory_format=torch.channels_last),
+            network=network.to(dtype=getattr(torch, dtype), memory_format=torch.channels_last),  # type: ignore[call-overload]
             input_size=input_size,
             stride=TOTAL_STRIDE,
             global_dim=BLOCKS[TOKEN_BLOCK + 1][3],
@@ -147,7 +147,7 @@ class EfficientNetLite0(Encoder):
         self.register_buffer("window", center_window(self.grid_size, sigma), persistent=False)
 
     def _encode(self, images: Float[Tensor, "batch 3 height width"]) -> Features:
-        weights_dtype = self.network.classifier.weight.dtype
+        weights_dtype = next(self.network.parameters()).dtype
         tokens, last = self.network(images.to(weights_dtype).contiguous(memory_format=torch.channels_last))
         pooled = (last.to(images.dtype) * self.window).sum(dim=(2, 3))
         tokens = tokens.to(images.dtype).contiguous()

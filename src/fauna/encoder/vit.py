@@ -1,6 +1,7 @@
 """A frozen vision transformer of the Hugging Face library: tokens, attention keys and the class token of its last layer."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -40,16 +41,19 @@ class FrozenViT(Encoder):
         std: Sequence[float],
         forward_options: dict[str, bool],
     ):
+        config: Any = model.config
         super().__init__(
             name=name,
             network=model,
             input_size=input_size,
-            stride=model.config.patch_size,
-            global_dim=model.config.hidden_size,
-            token_dim=model.config.hidden_size,
+            stride=config.patch_size,
+            global_dim=config.hidden_size,
+            token_dim=config.hidden_size,
             settings=f"mean{tuple(mean)}std{tuple(std)}".replace(" ", ""),
         )
         self.forward_options = dict(forward_options)
+        self.mean: Tensor
+        self.std: Tensor
         self.register_buffer("mean", torch.tensor(mean)[:, None, None], persistent=False)
         self.register_buffer("std", torch.tensor(std)[:, None, None], persistent=False)
 

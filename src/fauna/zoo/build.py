@@ -138,7 +138,7 @@ def _foot(body: Body, a: Anatomy, bone: str, fetlock: np.ndarray, group: int) ->
     if a.hoof:
         toe = point(fetlock[0], 0.75 * a.foot, fetlock[2] + a.foot_length)
         body.flesh(bone, fetlock, toe, (1.12 * a.cannon, 0.9 * a.foot), blend=0.03, group=group)
-        body.flesh(bone, toe, toe * (1, 0, 1) + point(0.0, 0.25 * a.foot, 0.4 * a.foot_length), (0.9 * a.foot, a.foot),
+        body.flesh(bone, toe, toe * (1, 0, 1) + point(0.0, 0.5 * a.foot, 0.4 * a.foot_length), (0.9 * a.foot, a.foot),
                    blend=0.01, group=group, material="hoof")  # fmt: skip
         return toe
     heel = point(fetlock[0], 0.8 * a.foot, fetlock[2])

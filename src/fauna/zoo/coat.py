@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 from fauna.kernels.zoo_raster import value_noise
 from fauna.zoo.anatomy import Anatomy
 from fauna.zoo.body import Body
+from fauna.zoo.products import dot
 from fauna.zoo.surface import Surface
 
 
@@ -112,9 +113,9 @@ def _stripes(verts: np.ndarray, leg: np.ndarray, body: Body, surface: Surface, s
     lean = np.clip((hips[2] + 0.12 - verts[:, 2]) / 0.3, 0, 1)
     trunk = _bands(verts[:, 2] - lean * 0.9 * (verts[:, 1] - hips[1]) + wobble, 1.05 * scale, 0.0)
     axis = (poll - neck) / np.linalg.norm(poll - neck)
-    on_neck = _bands((verts - neck) @ axis + wobble, 0.8 * scale, 0.0)
+    on_neck = _bands(dot(verts - neck, axis) + wobble, 0.8 * scale, 0.0)
     nose = body.keypoints["nose"][0] - poll
-    along = (verts - poll) @ (nose / np.linalg.norm(nose))
+    along = dot(verts - poll, nose / np.linalg.norm(nose))
     on_head = _bands(along + 0.8 * np.abs(verts[:, 0]) + 0.3 * wobble, 0.42 * scale, 0.0)
     on_leg = _bands(verts[:, 1] + 0.5 * wobble, 0.6 * scale, 0.1)
     head_share, neck_share = _head_and_neck(surface, body)

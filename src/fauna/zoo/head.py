@@ -74,7 +74,13 @@ def _head(body: Body, a: Anatomy, frame: HeadFrame) -> None:
     button = 0.72 * a.muzzle[1] if a.hoof else min(0.72 * a.muzzle[1], 0.085)
     nose = frame.place(0.0, -a.muzzle_drop + 0.45 * (a.muzzle[1] - 0.5 * button), 1 - 0.5 * button)
     body.flesh(
-        "head", nose, nose, (button * scale,) * 2, width=0.9 * width, blend=0.4 * button * scale, material="nose"
+        "head",
+        nose,
+        nose,
+        (button * scale, button * scale),
+        width=0.9 * width,
+        blend=0.4 * button * scale,
+        material="nose",
     )
     body.mark(
         "nose", frame.place(0.0, -a.muzzle_drop + 0.3 * a.muzzle[1], 1.0), "head", 0.4 * a.muzzle[1] * scale + 0.02

@@ -128,7 +128,19 @@ def _bisect(function: Callable[[float], float], low: float, high: float) -> floa
 
 
 def _sit(body: Body, rng: np.random.Generator) -> Angles:
-    pitch = rng.uniform(0.55, 0.75)
+    """Haunches down, as steep as the front legs are long."""
+    heels = [body.keypoints[f"left_{end}_paw"] for end in ("back", "front")]
+
+    def lead(pitch: float) -> float:
+        transforms = bone_transforms(body.joints, body.parents, _haunches(body, pitch))
+        back, front = ((transforms[bone] @ np.append(place, 1.0))[1] for place, bone, _ in heels)
+        return float(back - front)
+
+    pitch = _bisect(lead, 0.1, 0.75)
+    return _haunches(body, pitch) | {f"neck{i}": (0.2 * pitch, rng.normal(0, 0.08), 0.0) for i in range(3)}
+
+
+def _haunches(body: Body, pitch: float) -> Angles:
     tail = body.joints["tail3"] - body.joints["tail0"]
     hang = float(np.arctan2(-tail[1], -tail[2]))  # the tail is laid on the ground
     angles: Angles = {"pelvis": (-pitch, 0.0, 0.0), "tail0": (pitch + hang - 0.2, 0.0, 0.0)}
@@ -141,6 +153,4 @@ def _sit(body: Body, rng: np.random.Generator) -> Angles:
             angles[f"{limb}_stifle"] = (1.75, 0.0, 0.0)
             angles[f"{limb}_hock"] = (-1.85 + pitch, 0.0, 0.0)
             angles[f"{limb}_foot"] = (0.15, 0.0, 0.0)
-    for i in range(3):
-        angles[f"neck{i}"] = (0.6 * pitch / 3, rng.normal(0, 0.08), 0.0)
     return angles

@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from fauna.kernels.zoo_raster import rasterise, value_noise
+from fauna.zoo.products import dot
 from fauna.zoo.scene import Surroundings, background, inside_photo, pixel_rays, sun_in_world
 from fauna.zoo.surface import vertex_normals
 from fauna.zoo.view import View, project
@@ -161,7 +162,8 @@ def _shade(
     half /= np.linalg.norm(half, axis=1, keepdims=True)
     wrap = 0.15 + 0.35 * s.softness
     sun = (
-        np.clip((normal @ shadow.sun + wrap) / (1 + wrap), 0, 1) * (s.softness + (1 - s.softness) * shadow.light(place))
+        np.clip((dot(normal, shadow.sun) + wrap) / (1 + wrap), 0, 1)
+        * (s.softness + (1 - s.softness) * shadow.light(place))
     )[:, None]
     up = 0.5 + 0.5 * normal[:, 1:2]
     open_ = 0.35 + 0.65 * openness

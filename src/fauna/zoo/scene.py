@@ -8,6 +8,7 @@ from scipy.ndimage import gaussian_filter
 
 from fauna.kernels.zoo_raster import value_noise
 from fauna.zoo.coat import linear, smoothstep
+from fauna.zoo.products import dot
 from fauna.zoo.view import View
 
 GROUNDS = {
@@ -94,7 +95,7 @@ def pixel_rays(view: View, size: int) -> Float[np.ndarray, "size size 3"]:
     x = (at + clip_from_camera[0, 2]) / clip_from_camera[0, 0]
     y = (at + clip_from_camera[1, 2]) / clip_from_camera[1, 1]
     rays = np.stack([*np.meshgrid(x, y), -np.ones((size, size))], -1)
-    return rays @ view.camera_from_world[:3, :3]
+    return dot(rays, view.camera_from_world[:3, :3])
 
 
 def inside_photo(view: View, size: int) -> Bool[np.ndarray, "size size"]:
@@ -135,7 +136,7 @@ def background(
 
 def _sky(s: Surroundings, view: View, rays: np.ndarray) -> np.ndarray:
     frame = view.camera_from_world[:3, :3] * [1, 0, 1]
-    bearing = np.arctan2(rays @ frame[0], -(rays @ frame[2]))
+    bearing = np.arctan2(dot(rays, frame[0]), -dot(rays, frame[2]))
     height = np.arcsin(np.clip(rays[..., 1], -1, 1))
     up = smoothstep(-0.05, 0.6, height)[..., None]
     colour = s.sky[1] + (s.sky[0] - s.sky[1]) * up

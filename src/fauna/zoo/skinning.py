@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from fauna.zoo.products import dot
+
 
 def bone_transforms(
     joints: Mapping[str, np.ndarray],
@@ -50,8 +52,8 @@ def skin(
     vector, scalar = real[:, :3], real[:, 3:]
     dual = 0.5 * np.concatenate([scalar * moved + np.cross(moved, vector), -(moved * vector).sum(1, keepdims=True)], 1)
     pivot = real[weights.argmax(1)]
-    signed = weights * np.where(pivot @ real.T < 0, -1.0, 1.0)
-    real, dual = signed @ real, signed @ dual
+    signed = weights * np.where(dot(pivot, real.T) < 0, -1.0, 1.0)
+    real, dual = dot(signed, real), dot(signed, dual)
     size = np.linalg.norm(real, axis=1, keepdims=True)
     real, dual = real / size, dual / size
     vector, scalar = real[:, :3], real[:, 3:]

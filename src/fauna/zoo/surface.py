@@ -112,6 +112,7 @@ def _flesh(
     verts, faces = verts.astype(float), faces.astype(np.int64)
     openness = _openness(field, verts, vertex_normals(verts, faces), cell)
     verts = verts * cell + origin
+    verts[:, 1] = np.maximum(verts[:, 1], 0.0)  # flat soles
     nearest = cone_distances(verts, rows).argmin(1)
     owner = np.array([bones[c.bone] for c in body.cones])[nearest]
     material = np.array([index[c.material] for c in body.cones])[nearest]

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fauna.kernels.zoo_raster import rasterise
+from fauna.zoo.products import dot
 
 NEAR, FAR = 0.1, 1000.0
 PHOTO_SIZES = ((1024, 768), (1200, 800), (900, 900), (768, 1024), (1280, 720))
@@ -39,7 +40,7 @@ def project(
     clip_from_world: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "point 3"]
 ) -> Float[np.ndarray, "point 4"]:
     """Homogeneous clip positions."""
-    return points @ clip_from_world[:, :3].T + clip_from_world[:, 3]
+    return dot(points, clip_from_world[:, :3].T) + clip_from_world[:, 3]
 
 
 def crop_window(
