@@ -42,6 +42,9 @@ def user_message(error: BaseException) -> str | None:
     for link in chain:
         if isinstance(link, FaunaError):
             return str(link)
+        unparsed = re.match(r"Error parsing override '(.*)'\n(.*)", str(link))
+        if unparsed:
+            return f"{unparsed.group(1)}: expected key=value, got something else ({unparsed.group(2)}); e.g. seed=1"
     for link in reversed(chain):
         if isinstance(link, (HydraException, OmegaConfBaseException)) and "Error in call to target" not in str(link):
             return _hydra_message(" ".join(str(link).split()))
@@ -49,9 +52,7 @@ def user_message(error: BaseException) -> str | None:
 
 
 def _hydra_message(text: str) -> str:
-    unknown = re.search(r"Could not override '([^']+)'", text)
-    if unknown and "No match in the defaults list" in text:
-        return _unknown_key(unknown.group(1))
+    unknown = re.search(r"Could not override '([^']+)'", text) or re.search(r"not in struct full_key: (\S+)", text)
     if unknown:
         return _unknown_key(unknown.group(1))
     option = re.search(r"Could not find '([^']+)/([^'/]+)'.*?Available options in '[^']+':\s*(.*)", text)

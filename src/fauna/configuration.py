@@ -26,7 +26,7 @@ EXAMPLES: dict[Any, str] = {int: "60", float: "0.001", bool: "true", str: "a wor
 
 
 def validate(cfg: DictConfig) -> None:
-    """Bind every node with a ``_target_`` to the signature of what it names.
+    """Bind every node with a ``_target_`` to the signature of what it names; whole numbers become floats where those belong.
 
     Raises:
         FaunaError: on the first unknown key, missing key or value of a wrong type.
@@ -79,7 +79,11 @@ def _check_node(path: str, node: DictConfig) -> None:
             close = difflib.get_close_matches(name, parameters, n=1)
             hint = f"did you mean {path}.{close[0]}?" if close else f"known keys: {', '.join(sorted(parameters))}"
             raise FaunaError(f"{path}.{name}: expected a key of {node._target_}, got an unknown one; {hint}")
-        _check_value(f"{path}.{name}", _value(node, name, f"{path}.{name}"), hints.get(name, Any))
+        expected, value = hints.get(name, Any), _value(node, name, f"{path}.{name}")
+        _check_value(f"{path}.{name}", value, expected)
+        number = as_numbers(expected, value)
+        if repr(number) != repr(value) and not OmegaConf.is_interpolation(node, name):
+            node[name] = number
     for name, parameter in parameters.items():
         if parameter.default is parameter.empty and name not in node and name not in GIVEN_BY_CODE:
             raise FaunaError(
@@ -145,6 +149,21 @@ def accepts(expected: Any, value: Any) -> bool:
     if origin in (dict, collections.abc.Mapping):
         return isinstance(value, Mapping)
     return True
+
+
+def as_numbers(expected: Any, value: Any) -> Any:
+    """The value, with whole numbers turned into floats where only floats are expected.
+
+    >>> as_numbers(float, 3), as_numbers(float | None, 3), as_numbers(int | float, 3), as_numbers(list[float], [1, 2.5])
+    (3.0, 3.0, 3, [1.0, 2.5])
+    """
+    options = get_args(expected) if get_origin(expected) in (Union, types.UnionType) else (expected,)
+    if isinstance(value, int) and not isinstance(value, bool):
+        return float(value) if float in options and int not in options else value
+    sequences = [option for option in options if get_origin(option) in (list, tuple, collections.abc.Sequence)]
+    if isinstance(value, list) and sequences:
+        return [as_numbers(get_args(sequences[0])[0], item) for item in value]
+    return value
 
 
 def _items_fit(arguments: tuple[Any, ...], value: Any) -> bool:

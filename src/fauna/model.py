@@ -196,4 +196,3 @@ class FaunaModel(nn.Module):
             best_fraction=self.stage.best_fraction,
             generator=draws.generator("hypothesis"),
         )
-

@@ -148,7 +148,12 @@ class Schedule:
         }
         for name, window in {**self.windows, "all_hypotheses": all_hypotheses}.items():
             _check_window(name, window)
-        for name, value in {**weights, **target_weights, "leg_limits": leg_limits, "grid_resolution": grid_resolution}.items():
+        for name, value in {
+            **weights,
+            **target_weights,
+            "leg_limits": leg_limits,
+            "grid_resolution": grid_resolution,
+        }.items():
             _check_piecewise(name, value)
         self.start_at = start_at
         self.leg_limits = leg_limits

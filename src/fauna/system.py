@@ -90,6 +90,7 @@ class FaunaSystem(LightningModule):
         self._finish(generator, list(self.model.parameters()), terms["total"])
         if pairs:
             terms |= self._discriminator_step(discriminator, pairs, share)
+        assert out is not None, "a step has at least one micro-batch"
         self._log_terms(terms, out, step)
 
     def generator_losses(self, batch: Batch, draws: Draws) -> tuple[Losses, Reconstruction, MaskPair | None]:

@@ -29,7 +29,9 @@ def main() -> None:
 def _hydra_main(cfg: DictConfig) -> None:
     from fauna.encoder.fallback import with_available_encoder
 
-    train(with_available_encoder(cfg, list(HydraConfig.get().overrides.task)), Path(HydraConfig.get().runtime.output_dir))
+    train(
+        with_available_encoder(cfg, list(HydraConfig.get().overrides.task)), Path(HydraConfig.get().runtime.output_dir)
+    )
 
 
 def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
@@ -55,8 +57,6 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     resume = resume_path(cfg.resume, folder)
     claim_folder(folder, resume)
     config = OmegaConf.to_yaml(cfg, resolve=True)
-    if resume is not None:
-        report_changes(resume, config)
     seed_everything(cfg.seed, workers=False, verbose=False)
     schedule = build_schedule(cfg)
     encoder = build_encoder(cfg)
@@ -67,6 +67,8 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     callbacks = [_make(node, given) for node in cfg.callbacks.values() if node is not None]
     loggers = [_make(node, given) for node in cfg.logger.values() if node is not None]
     trainer = _make(cfg.trainer, {**given, "callbacks": callbacks, "logger": loggers})
+    if resume is not None:
+        report_changes(resume, config)  # now that the trainer has set the threads
     data.prepare(seed=cfg.seed, report=print)
     if resume is None:
         _start(cfg, system, data)

@@ -49,7 +49,9 @@ def build_trainer(
         FaunaError: when a number is out of range.
     """
     if max_steps < 1:
-        raise FaunaError(f"trainer.max_steps: expected a whole number >= 1, got {max_steps}; e.g. trainer.max_steps=3000")
+        raise FaunaError(
+            f"trainer.max_steps: expected a whole number >= 1, got {max_steps}; e.g. trainer.max_steps=3000"
+        )
     if threads is not None:
         torch.set_num_threads(threads)
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # costs a pass over every new tensor; nothing reads them
@@ -82,7 +84,9 @@ def build_trainer(
         )
     except (ValueError, RuntimeError) as error:
         reason = str(error).splitlines()[0]
-        raise FaunaError(f"trainer: expected settings this machine can run, got {reason}; try trainer.accelerator=cpu") from error
+        raise FaunaError(
+            f"trainer: expected settings this machine can run, got {reason}; try trainer.accelerator=cpu"
+        ) from error
 
 
 def _strategy(devices: int | str | Sequence[int], num_nodes: int) -> Any:

@@ -5,7 +5,7 @@ Frames, units and axis names are defined in ``docs/conventions.md``. Axis names 
 A step renders one row per photo when one hypothesis is sampled and ``hyp`` rows per photo when all are rendered.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import torch
@@ -70,9 +70,9 @@ class Batch:
 
     def to(self, device: torch.device) -> "Batch":
         """The same on another device."""
-        movable = (Tensor, Features)
         values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
-        return Batch(**{name: value.to(device) if isinstance(value, movable) else value for name, value in values.items()})
+        moved = {name: value.to(device) for name, value in values.items() if isinstance(value, (Tensor, Features))}
+        return replace(self, **moved)
 
 
 @dataclass(frozen=True)
@@ -331,4 +331,3 @@ class Reconstruction:
     light: Light
     skeleton: Skeleton | None = None
     pose: Pose | None = None
-

@@ -33,9 +33,21 @@ def names(photos: tuple[Photo, ...]) -> list[str]:
 
 def test_flat_layout(tmp_path):
     root = tmp_path / "set"
-    touch(root, "horse/train/2007_000001_3_rgb.jpg", "horse/train/2007_000001_3_mask.png", "horse/train/2007_000001_3_box.txt")
+    touch(
+        root,
+        "horse/train/2007_000001_3_rgb.jpg",
+        "horse/train/2007_000001_3_mask.png",
+        "horse/train/2007_000001_3_box.txt",
+    )
     touch(root, "horse/train/2007_000001_4_rgb.png", "horse/train/2007_000001_4_feat16.png", "horse/train/b_rgb.jpg")
-    touch(root, "horse/val/c_rgb.jpg", "cow/train/2007_000001_9_rgb.jpg", "cow/train/rgb.png", "keypoint_names.json", "empty/train/x.txt")
+    touch(
+        root,
+        "horse/val/c_rgb.jpg",
+        "cow/train/2007_000001_9_rgb.jpg",
+        "cow/train/rgb.png",
+        "keypoint_names.json",
+        "empty/train/x.txt",
+    )
     found = read(root)
     assert list(found) == ["cow", "horse"]
     horse = found["horse"]
@@ -57,9 +69,20 @@ def test_flat_layout(tmp_path):
 
 
 def test_published_layout(tmp_path):
-    touch(tmp_path, *(f"large_scale/horse_comb_dinov2_new/train/video_{v}/000{f}_rgb.png" for v in (1, 2) for f in (0, 1)))
-    touch(tmp_path, "large_scale/horse_comb_dinov2_new/val/video_3/0000_rgb.png", "large_scale/horse_comb_dinov2_new/test/video_4/0_rgb.png")
-    touch(tmp_path, "few_shot_web/lynx/train/001_rgb.png", "few_shot_web/horse/train/001_rgb.png", "few_shot_animal3d/lynx/train/7_rgb.png")
+    touch(
+        tmp_path, *(f"large_scale/horse_comb_dinov2_new/train/video_{v}/000{f}_rgb.png" for v in (1, 2) for f in (0, 1))
+    )
+    touch(
+        tmp_path,
+        "large_scale/horse_comb_dinov2_new/val/video_3/0000_rgb.png",
+        "large_scale/horse_comb_dinov2_new/test/video_4/0_rgb.png",
+    )
+    touch(
+        tmp_path,
+        "few_shot_web/lynx/train/001_rgb.png",
+        "few_shot_web/horse/train/001_rgb.png",
+        "few_shot_animal3d/lynx/train/7_rgb.png",
+    )
     touch(tmp_path, "few_shot_web_back/lynx/train/9_rgb.png", "few_shot_animal3d/puma/train/001_rgb.png")
     found = read(tmp_path)
     assert list(found) == ["horse", "horse_few_shot", "lynx", "puma"]
@@ -69,7 +92,9 @@ def test_published_layout(tmp_path):
     assert len(found["lynx"].train) == 2
     assert [photo.name.split("/")[-1] for photo in found["lynx"].back_views] == ["9"]
     assert found["lynx"].back_views[0].category == "lynx"
-    every = [photo.name for photos in found.values() for split in (photos.train, photos.val, photos.test) for photo in split]
+    every = [
+        photo.name for photos in found.values() for split in (photos.train, photos.val, photos.test) for photo in split
+    ]
     assert len(every) == len(set(every))
 
 
@@ -86,7 +111,12 @@ def test_missing_or_empty_root_points_to_the_zoo(tmp_path):
 
 def category(name: str, photographs: int, crops: int = 1, shared: int = 0) -> CategoryPhotos:
     photos = tuple(
-        Photo(f"{name}/{p}_{c}", name, f"shared/{p}" if p < shared else f"{name}/{p}", FileSource(Path(f"{name}{p}{c}"), Path("m")))
+        Photo(
+            f"{name}/{p}_{c}",
+            name,
+            f"shared/{p}" if p < shared else f"{name}/{p}",
+            FileSource(Path(f"{name}{p}{c}"), Path("m")),
+        )
         for p in range(photographs)
         for c in range(crops)
     )
@@ -95,7 +125,9 @@ def category(name: str, photographs: int, crops: int = 1, shared: int = 0) -> Ca
 
 def split(categories, path=None, *, seed=0, val=(0.2, 100), test=(0.1, 100), held_out=()):
     by_name = {photos.category: photos for photos in categories}
-    return complete_splits(by_name, path=path, seed=seed, val=SplitSize(*val), test=SplitSize(*test), held_out=list(held_out))
+    return complete_splits(
+        by_name, path=path, seed=seed, val=SplitSize(*val), test=SplitSize(*test), held_out=list(held_out)
+    )
 
 
 def parts(photos: CategoryPhotos) -> list[set[str]]:
@@ -174,7 +206,15 @@ def test_new_category_does_not_take_known_training_photographs(tmp_path):
     assert parts(wider["cat"]) == parts(first["dog"])
 
 
-@pytest.mark.parametrize("text", ["", "{}", '{"format": 9, "settings": {}, "val": {}, "test": {}}', '{"format": 1, "settings": {}, "val": [], "test": {}}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{}",
+        '{"format": 9, "settings": {}, "val": {}, "test": {}}',
+        '{"format": 1, "settings": {}, "val": [], "test": {}}',
+    ],
+)
 def test_broken_split_file(tmp_path, text):
     path = tmp_path / "split.json"
     path.write_text(text)

@@ -167,7 +167,9 @@ def test_processes_share_a_cache(tmp_path):
 
 
 def test_looking_up_a_dozen_photos_is_quick(tmp_path):
-    encoder = TinyEncoder(input_size=128, stride=8, token_dim=192, seed=0)  # 16 x 16 x 192, as large as EfficientNet-Lite0's
+    encoder = TinyEncoder(
+        input_size=128, stride=8, token_dim=192, seed=0
+    )  # 16 x 16 x 192, as large as EfficientNet-Lite0's
     store, photos = cache(tmp_path, encoder), [photo(seed) for seed in range(12)]
     store.get_many(photos, [False] * 12)
     times = []

@@ -29,7 +29,9 @@ def write_photo(folder, stem="a", *, side=32, suffix="png", box="0 10 20 64 64 2
 
 
 def photo_at(folder, stem="a", suffix="png"):
-    parts = {key: folder / f"{stem}_{key}{end}" for key, end in (("mask", ".png"), ("box", ".txt"), ("keypoints", ".json"))}
+    parts = {
+        key: folder / f"{stem}_{key}{end}" for key, end in (("mask", ".png"), ("box", ".txt"), ("keypoints", ".json"))
+    }
     return Photo(stem, "horse", stem, FileSource(image=folder / f"{stem}_rgb.{suffix}", **parts))
 
 
@@ -50,7 +52,12 @@ def slow_valid(box, size, margin):
 
 @pytest.mark.parametrize(
     "box",
-    [CropBox(10, 20, 64, 64, 200, 150), CropBox(-20, -5, 60, 60, 50, 40), CropBox(0, 0, 100, 100, 100, 100), CropBox(90, 3, 50, 50, 100, 90)],
+    [
+        CropBox(10, 20, 64, 64, 200, 150),
+        CropBox(-20, -5, 60, 60, 50, 40),
+        CropBox(0, 0, 100, 100, 100, 100),
+        CropBox(90, 3, 50, 50, 100, 90),
+    ],
 )
 def test_valid_mask_against_loops(box):
     assert torch.equal(valid_mask(box, size=40, margin=0.02), slow_valid(box, 40, 0.02))
@@ -70,7 +77,9 @@ def test_valid_mask_inside_touching_and_outside():
     assert not below[25:].any()
 
 
-@pytest.mark.parametrize("line", ["0 171 93 172 172 500 333 0", "frame_12 171.00 93.0 172 172 500 333", "  0 171 93 172 172 500 333 0 9\n"])
+@pytest.mark.parametrize(
+    "line", ["0 171 93 172 172 500 333 0", "frame_12 171.00 93.0 172 172 500 333", "  0 171 93 172 172 500 333 0 9\n"]
+)
 def test_box_file_variants(tmp_path, line):
     path = tmp_path / "a_box.txt"
     path.write_text(line)

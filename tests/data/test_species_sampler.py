@@ -60,7 +60,9 @@ def test_micro_batches_of_a_step_continue_the_sequence():
 
 
 def test_flips_follow_their_probability():
-    share = {p: sum(sum(make(flip_probability=p).batch(step).flips) for step in range(400)) / 1600 for p in (0.0, 0.5, 1.0)}
+    share = {
+        p: sum(sum(make(flip_probability=p).batch(step).flips) for step in range(400)) / 1600 for p in (0.0, 0.5, 1.0)
+    }
     assert share[0.0] == 0
     assert share[1.0] == 1
     assert 0.45 < share[0.5] < 0.55

@@ -59,9 +59,14 @@ def test_normalized_embeddings_have_zero_mean_and_unit_variance():
         torch.testing.assert_close(part.var(1, unbiased=False), torch.ones(2), atol=2e-2, rtol=0)
 
 
-def test_a_map_of_the_wrong_size_is_refused():
-    with pytest.raises(FaunaError, match="32x32 feature maps, got 16x16"):
-        ConvTrunk(in_dim=5, out_dim=7, options=SMALL_PAPER)(features(16).tokens)
+def test_paper_trunk_resizes_other_maps():
+    trunk = ConvTrunk(in_dim=5, out_dim=7, options=SMALL_PAPER)
+    tokens = features(16).tokens
+    resized = torch.nn.functional.interpolate(tokens, (32, 32), mode="bilinear", align_corners=False)
+    torch.testing.assert_close(trunk(tokens), trunk(resized))
+
+
+def test_a_map_that_is_too_small_is_refused():
     with pytest.raises(FaunaError, match="from 8x8, got 7x7"):
         ConvTrunk(in_dim=5, out_dim=7, options=LIGHT)(features(7).tokens)
 

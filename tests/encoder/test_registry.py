@@ -15,7 +15,15 @@ from fauna.errors import FaunaError
 
 @pytest.fixture(autouse=True)
 def _clean_environment(monkeypatch, tmp_path):
-    for key in ("HF_HUB_OFFLINE", "TRANSFORMERS_OFFLINE", "http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY"):
+    for key in (
+        "HF_HUB_OFFLINE",
+        "TRANSFORMERS_OFFLINE",
+        "http_proxy",
+        "https_proxy",
+        "HTTP_PROXY",
+        "HTTPS_PROXY",
+        "ALL_PROXY",
+    ):
         monkeypatch.delenv(key, raising=False)
     monkeypatch.setattr(registry, "cached_weights", lambda repo_id: None)
 
@@ -49,7 +57,9 @@ def test_refused_connection_falls_back_quickly_with_one_warning():
 
 @pytest.mark.usefixtures("refused")
 def test_without_fallback_the_error_says_what_to_do():
-    with pytest.raises(EncoderUnavailable, match=r"hf download facebook/dino-vits8.*encoder=efficientnet_lite0") as caught:
+    with pytest.raises(
+        EncoderUnavailable, match=r"hf download facebook/dino-vits8.*encoder=efficientnet_lite0"
+    ) as caught:
         resolve_encoder("dino_vits8", None)
     assert "\n" not in str(caught.value)
 
@@ -73,7 +83,9 @@ def test_a_silent_server_is_given_up(monkeypatch):
 
 
 def test_unknown_names_list_the_known_ones():
-    with pytest.raises(FaunaError, match="unknown encoder=resnet; choose one of dino_vits8, dinov2_vits14, efficientnet_lite0, tiny"):
+    with pytest.raises(
+        FaunaError, match="unknown encoder=resnet; choose one of dino_vits8, dinov2_vits14, efficientnet_lite0, tiny"
+    ):
         resolve_encoder("resnet", "tiny")
 
 

@@ -83,7 +83,7 @@ def environment() -> dict[str, str]:
 
     return {
         "fauna": fauna.__version__,
-        "torch": torch.__version__,
+        "torch": str(torch.__version__),  # a plain string, or the checkpoint cannot be read back
         "numpy": numpy.__version__,
         "numba": numba.__version__,
         "python": platform.python_version(),

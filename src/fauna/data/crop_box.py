@@ -71,7 +71,9 @@ def valid_mask(box: CropBox | None, *, size: int, margin: float) -> Float[Tensor
     return rows[:, None] * columns[None, :]
 
 
-def _inside(start: float | int, extent: float | int, limit: float | int, size: int, margin: float) -> Float[Tensor, " size"]:
+def _inside(
+    start: float | int, extent: float | int, limit: float | int, size: int, margin: float
+) -> Float[Tensor, " size"]:
     """1 for the pixel centres along one axis that fall into [margin, limit - margin]."""
     centres = start + (torch.arange(size, dtype=torch.float64) + 0.5) / size * extent
     strip = margin * extent

@@ -118,7 +118,11 @@ class PhotoDataModule(LightningDataModule):
             FaunaError: when the dataset is missing, empty, or (``on_bad=error``) broken.
         """
         self.seed = seed
-        path = Path(self.split_file) if self.split_file else default_cache_root() / "splits" / f"{self.source.identity}.json"
+        path = (
+            Path(self.split_file)
+            if self.split_file
+            else default_cache_root() / "splits" / f"{self.source.identity}.json"
+        )
         listed = self.source.categories()
         if self.on_bad == "skip":
             listed = {name: self._screened(photos) for name, photos in listed.items()}
@@ -203,7 +207,9 @@ class PhotoDataModule(LightningDataModule):
     def val_dataloader(self) -> DataLoader:
         """Photos of the chosen split, one a batch."""
         photos = self.photos(self.split)
-        return DataLoader(_Lookup(lambda place: [self.single(photos[place])], len(photos)), batch_size=None, num_workers=0)
+        return DataLoader(
+            _Lookup(lambda place: [self.single(photos[place])], len(photos)), batch_size=None, num_workers=0
+        )
 
     def transfer_batch_to_device(self, batch: list[Batch], device: torch.device, dataloader_idx: int) -> list[Batch]:
         """Lightning cannot look into frozen dataclasses."""

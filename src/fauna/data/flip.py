@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from torch import Tensor
 
 from fauna.data.photos import LoadedPhoto
 
 
-def flip_map(values: Float[Tensor, "*lead width"]) -> Float[Tensor, "*lead width"]:
+def flip_map(values: Shaped[Tensor, "*lead width"]) -> Shaped[Tensor, "*lead width"]:
     """Mirror images, masks, distances or feature targets left to right."""
     return values.flip(-1)
 

@@ -150,7 +150,9 @@ class ZooSource(PhotoSource):
         for name in CropBox.__dataclass_fields__:
             notes.add_text(name, str(getattr(box, name)))
         buffer = io.BytesIO()
-        Image.fromarray(np.dstack([sample.image, sample.mask])).save(buffer, format="PNG", pnginfo=notes, compress_level=1)
+        Image.fromarray(np.dstack([sample.image, sample.mask])).save(
+            buffer, format="PNG", pnginfo=notes, compress_level=1
+        )
         write_atomically(path, buffer.getvalue())
         return RawPhoto(sample.image, sample.mask > 127, box, None)
 

@@ -89,7 +89,12 @@ class Adversary(nn.Module):
         return {"discriminator": loss + 0.5 * self.penalty * penalty, "gradient_penalty": penalty.detach()}
 
     def _random_silhouettes(
-        self, out: Reconstruction, row: Tensor, renderer: Renderer, options: dict[str, float], generator: torch.Generator
+        self,
+        out: Reconstruction,
+        row: Tensor,
+        renderer: Renderer,
+        options: dict[str, float],
+        generator: torch.Generator,
     ) -> Float[Tensor, "batch height width"]:
         rotations = out.camera.camera_from_world[row, :3, :3].detach()
         views = random_view_rotations(rotations, self.random_view, generator)

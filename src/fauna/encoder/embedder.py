@@ -5,6 +5,7 @@ from typing import Literal
 
 from jaxtyping import Float
 from torch import Tensor, nn
+from torch.nn import functional as F
 
 from fauna.errors import FaunaError
 from fauna.types import Features, ImageEmbedding
@@ -18,7 +19,7 @@ class TrunkOptions:
     """Shape of a :class:`ConvTrunk`.
 
     Attributes:
-        variant: ``paper`` (32 x 32 maps) or ``light`` (any map from 8 x 8).
+        variant: ``paper`` (for 32 x 32 maps) or ``light`` (any map from 8 x 8).
         hidden_dim: channels of the strided convolutions.
         channels_per_group: of the group normalisation; must divide ``hidden_dim``.
         reduce_dim: channels the map is projected to first; ``light`` only.
@@ -85,15 +86,13 @@ class ConvTrunk(nn.Module):
         """Summarise a map.
 
         Raises:
-            FaunaError: when the map's size does not fit the variant.
+            FaunaError: when the map is too small.
         """
         height, width = feature_map.shape[-2:]
-        if self.variant == "paper" and (height, width) != (_PAPER_MAP, _PAPER_MAP):
-            raise FaunaError(f"trunk.variant=paper expects 32x32 feature maps, got {height}x{width}; use variant=light")
         if min(height, width) < 8:
-            raise FaunaError(
-                f"trunk.variant=light expects feature maps from 8x8, got {height}x{width}; raise encoder.input_size"
-            )
+            raise FaunaError(f"trunk expects feature maps from 8x8, got {height}x{width}; raise encoder.input_size")
+        if self.variant == "paper" and (height, width) != (_PAPER_MAP, _PAPER_MAP):
+            feature_map = F.interpolate(feature_map, (_PAPER_MAP, _PAPER_MAP), mode="bilinear", align_corners=False)
         return self.layers(feature_map)
 
 

@@ -138,7 +138,10 @@ class FeatureSpace(nn.Module):
             moments["token"].add(_cells(features.tokens))
             moments["key"].add(_cells(features.keys))
             source = features.tokens if self.target_source == "tokens" else features.keys
-            covered = F.adaptive_avg_pool2d(masks[:, None], (source.shape[-2], source.shape[-1])).flatten() > self.foreground_threshold
+            covered = (
+                F.adaptive_avg_pool2d(masks[:, None], (source.shape[-2], source.shape[-1])).flatten()
+                > self.foreground_threshold
+            )
             foreground.add(F.normalize(_cells(source)[covered].double(), dim=1))
         if foreground.count <= self.num_components:
             raise FaunaError(

@@ -53,9 +53,7 @@ def shape_view(
     model: FaunaModel, posed: PosedMesh, view: str, cell: int, camera_rotation: Tensor | None = None
 ) -> Float[Tensor, "3 height width"]:
     """Grey headlight rendering of the first row's mesh from a named view, or with a given rotation."""
-    rotation = (
-        torch.tensor(VIEWS[view]).T[None] if camera_rotation is None else camera_rotation[None]
-    ).to(posed.verts)
+    rotation = (torch.tensor(VIEWS[view]).T[None] if camera_rotation is None else camera_rotation[None]).to(posed.verts)
     distance = model.camera["distance"] * 1.15
     camera = make_camera(rotation, rotation.new_zeros(1, 3), fov_deg=model.camera["fov_deg"], distance=distance)
     verts = posed.verts[:1] - posed.verts[:1].mean(dim=1, keepdim=True)

@@ -14,7 +14,16 @@ from fauna.io.checkpoint import checkpoints, newest_checkpoint
 
 log = logging.getLogger(__name__)
 
-FREE_TO_CHANGE = ("resume", "out", "name", "logger", "callbacks", "trainer.max_steps", "trainer.log_every", "trainer.val_every")
+FREE_TO_CHANGE = (
+    "resume",
+    "out",
+    "name",
+    "logger",
+    "callbacks",
+    "trainer.max_steps",
+    "trainer.log_every",
+    "trainer.val_every",
+)
 """Keys that may differ between a run and its continuation without changing what is learned."""
 
 

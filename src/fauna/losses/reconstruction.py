@@ -49,7 +49,9 @@ def feature_loss(rendered: Image, target: Image, region: Silhouette) -> PerRow:
     return ((rendered - target).square() * region[:, None]).mean(dim=(1, 2, 3))
 
 
-def upsample(maps: Image, height: int, width: int) -> Image:
+def upsample(
+    maps: Float[Tensor, "row chan grid_height grid_width"], height: int, width: int
+) -> Float[Tensor, "row chan {height} {width}"]:
     """Bilinear resize of feature maps to the render resolution (pixel centres aligned, ``align_corners=False``)."""
     if maps.shape[-2:] == (height, width):
         return maps

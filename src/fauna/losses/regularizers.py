@@ -6,9 +6,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 
-def articulation_loss(
-    angles: Float[Tensor, "row bone 3"], norm: Literal["vector", "component"]
-) -> Float[Tensor, ""]:
+def articulation_loss(angles: Float[Tensor, "row bone 3"], norm: Literal["vector", "component"]) -> Float[Tensor, ""]:
     """Mean squared bone angle, rad^2.
 
     ``vector``: mean over bones of the squared norm of the three angles (the paper's R_art);

@@ -1,0 +1,127 @@
+"""The commands as a user runs them; mostly in this process, because importing everything takes seconds."""
+
+import json
+import sys
+from collections import namedtuple
+
+import pytest
+from hydra.core.global_hydra import GlobalHydra
+
+import fauna.eval
+import fauna.train
+from tests.runs import QUIET, command, composed, dataset, tiny
+
+SHORT = ("trainer.max_steps=2",)
+Done = namedtuple("Done", "returncode stdout stderr")
+
+
+@pytest.fixture
+def cli(tmp_path, monkeypatch, capsys):
+    """Run a command line in this process; ``out`` is ``tmp_path/run``."""
+
+    def call(*arguments: str, main=fauna.train.main, **environment: str) -> Done:
+        monkeypatch.setattr(sys, "argv", ["fauna", *arguments[:1], f"out={tmp_path}/run", *arguments[1:]])
+        monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+        for name, value in environment.items():
+            monkeypatch.setenv(name, value)
+        code = 0
+        try:
+            main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        finally:
+            GlobalHydra.instance().clear()
+        return Done(code, *capsys.readouterr())
+
+    return call
+
+
+def test_bad_input_in_a_process_of_its_own(tmp_path):
+    done = command("bank.num_slot=3", f"out={tmp_path}/run")
+    assert done.returncode == 2
+    assert done.stderr.strip().splitlines()[-1] == (
+        "fauna: error: bank.num_slot: expected a known key, got an unknown one; did you mean bank.num_slots?"
+    )
+    assert "Traceback" not in done.stderr + done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["bank.num_slot=3"], ["bank.num_slot", "expected a known key", "did you mean bank.num_slots?"]),
+        (["bank.num_slots=many"], ["bank.num_slots", "expected a whole number", "'many'", "e.g. bank.num_slots=60"]),
+        (["+experiment=tiny", "bank.num_slots=0"], ["num_slots", ">= 1", "0"]),
+        (["bank=giant"], ["bank", "expected one of", "semantic", "'giant'"]),
+        (["+experiment=gigantic"], ["experiment", "expected one of", "quickstart", "'gigantic'"]),
+        (["+experiment=tiny", "data=fauna"], ["data.root", "expected a dataset folder", "got none", "data.root=FOLDER"]),
+        (["+experiment=tiny", "data=fauna", "data.root=/nowhere/at/all"], ["data=fauna", "expects", "/nowhere/at/all", "data.root"]),
+        (["bank.num_slots="], ["bank.num_slots", "expected"]),
+        (["bank.num_slots"], ["bank.num_slots"]),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_bad_input_ends_with_one_line_and_code_two(cli, arguments, words):
+    done = cli(*arguments)
+    last = done.stderr.strip().splitlines()[-1]
+    assert done.returncode == 2, done.stderr[-500:]
+    assert last.startswith("fauna: error: ")
+    for word in words:
+        assert word in last
+    assert "Traceback" not in done.stderr + done.stdout
+
+
+def test_printing_the_papers_configuration(tmp_path, cli):
+    done = cli("--cfg", "job", "--resolve", "+experiment=quadruped", "data.root=DATA")
+    assert done.returncode == 0, done.stderr
+    assert not (tmp_path / "run").exists()
+    for line in ("num_slots: 60", "top_k: 10", "batch_size: 6", "max_steps: 800000"):
+        assert line in done.stdout
+
+
+def test_sweep_gives_every_job_its_folder(tmp_path, cli):
+    done = cli("-m", *tiny(*SHORT, "bank.num_slots=2,3"))
+    assert done.returncode == 0, done.stderr[-800:]
+    for job, slots in (("0", 2), ("1", 3)):
+        folder = tmp_path / "run" / job
+        assert json.loads((folder / "result.json").read_text())["steps"] == 2
+        assert f"num_slots: {slots}" in (folder / ".hydra" / "config.yaml").read_text()
+
+
+def test_wandb_runs_offline_without_questions_one_per_job(tmp_path, cli):
+    done = cli("-m", *tiny(*SHORT, "logger=wandb", "seed=0,1"), WANDB_MODE="online", WANDB_API_KEY="")
+    assert done.returncode == 0, done.stderr[-800:]
+    for job in ("0", "1"):
+        assert len(list((tmp_path / "run" / job / "wandb").glob("offline-run-*"))) == 1
+        assert (tmp_path / "run" / job / "logs" / "metrics.csv").is_file()
+
+
+def test_missing_encoder_weights_fall_back_with_one_warning(tmp_path, cli):
+    done = cli(*tiny(*SHORT, "encoder=dino_vits8"), HF_HOME=str(tmp_path / "empty"))
+    assert done.returncode == 0, done.stderr[-800:]
+    assert done.stderr.count("Using encoder=efficientnet_lite0 instead") == 1
+    stored = (tmp_path / "run" / "weights.safetensors").read_bytes()[:20000].decode(errors="ignore")
+    assert "efficientnet_lite0" in stored
+
+
+def test_missing_encoder_weights_without_fallback_are_an_error(tmp_path, cli):
+    done = cli(*tiny(*SHORT, "encoder=dino_vits8", "encoder.offline_fallback=null"), HF_HOME=str(tmp_path / "empty"))
+    last = done.stderr.strip().splitlines()[-1]
+    assert done.returncode == 2
+    assert last.startswith("fauna: error: encoder=dino_vits8 expects the weights of facebook/dino-vits8")
+    assert "hf download" in last
+
+
+def test_eval_reports_bad_weights_in_one_line(tmp_path, cli):
+    (tmp_path / "other.safetensors").write_bytes(b"not a weight file")
+    for name, word in (("missing.safetensors", "does not exist"), ("other.safetensors", "damaged or of another program")):
+        done = cli(f"weights={tmp_path / name}", main=fauna.eval.main)
+        assert done.returncode == 2
+        assert word in done.stderr.strip().splitlines()[-1]
+        assert "Traceback" not in done.stderr
+
+
+def test_quiet_overrides_name_callbacks():
+    callbacks = composed("+experiment=tiny", "data=fauna", f"data.root={dataset()}", *QUIET).callbacks
+    assert callbacks.preview is None
+    assert callbacks.progress is None
+    assert callbacks.checkpoints is not None
