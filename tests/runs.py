@@ -21,7 +21,11 @@ from fauna.train import train
 
 SPECIES = ("long", "round")
 QUIET = ("callbacks.preview=null", "callbacks.progress=null")
-EVERY_STEP = ("callbacks.checkpoints.every_steps=1", "callbacks.checkpoints.keep=100", "callbacks.checkpoints.every_minutes=1000")
+EVERY_STEP = (
+    "callbacks.checkpoints.every_steps=1",
+    "callbacks.checkpoints.keep=100",
+    "callbacks.checkpoints.every_minutes=1000",
+)
 
 
 def composed(*overrides: str) -> DictConfig:
@@ -33,7 +37,9 @@ def run(folder: Path, *overrides: str) -> dict:
     return train(composed(*overrides), folder)
 
 
-def command(*arguments: str, module: str = "fauna.train", seconds: float = 120, **environment: str) -> subprocess.CompletedProcess:
+def command(
+    *arguments: str, module: str = "fauna.train", seconds: float = 120, **environment: str
+) -> subprocess.CompletedProcess:
     """Run a command of the package in its own process."""
     return subprocess.run(
         [sys.executable, "-m", module, *arguments],

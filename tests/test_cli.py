@@ -20,7 +20,8 @@ def cli(tmp_path, monkeypatch, capsys):
     """Run a command line in this process; ``out`` is ``tmp_path/run``."""
 
     def call(*arguments: str, main=fauna.train.main, **environment: str) -> Done:
-        monkeypatch.setattr(sys, "argv", ["fauna", *arguments[:1], f"out={tmp_path}/run", *arguments[1:]])
+        place = next((index for index, argument in enumerate(arguments) if "=" in argument), len(arguments))
+        monkeypatch.setattr(sys, "argv", ["fauna", *arguments[:place], f"out={tmp_path}/run", *arguments[place:]])
         monkeypatch.setenv("HF_HUB_OFFLINE", "1")
         for name, value in environment.items():
             monkeypatch.setenv(name, value)
@@ -53,8 +54,14 @@ def test_bad_input_in_a_process_of_its_own(tmp_path):
         (["+experiment=tiny", "bank.num_slots=0"], ["num_slots", ">= 1", "0"]),
         (["bank=giant"], ["bank", "expected one of", "semantic", "'giant'"]),
         (["+experiment=gigantic"], ["experiment", "expected one of", "quickstart", "'gigantic'"]),
-        (["+experiment=tiny", "data=fauna"], ["data.root", "expected a dataset folder", "got none", "data.root=FOLDER"]),
-        (["+experiment=tiny", "data=fauna", "data.root=/nowhere/at/all"], ["data=fauna", "expects", "/nowhere/at/all", "data.root"]),
+        (
+            ["+experiment=tiny", "data=fauna"],
+            ["data.root", "expected a dataset folder", "got none", "data.root=FOLDER"],
+        ),
+        (
+            ["+experiment=tiny", "data=fauna", "data.root=/nowhere/at/all"],
+            ["data=fauna", "expects", "/nowhere/at/all", "data.root"],
+        ),
         (["bank.num_slots="], ["bank.num_slots", "expected"]),
         (["bank.num_slots"], ["bank.num_slots"]),
     ],
@@ -87,6 +94,7 @@ def test_sweep_gives_every_job_its_folder(tmp_path, cli):
         assert f"num_slots: {slots}" in (folder / ".hydra" / "config.yaml").read_text()
 
 
+@pytest.mark.slow
 def test_wandb_runs_offline_without_questions_one_per_job(tmp_path, cli):
     done = cli("-m", *tiny(*SHORT, "logger=wandb", "seed=0,1"), WANDB_MODE="online", WANDB_API_KEY="")
     assert done.returncode == 0, done.stderr[-800:]
@@ -96,9 +104,10 @@ def test_wandb_runs_offline_without_questions_one_per_job(tmp_path, cli):
 
 
 def test_missing_encoder_weights_fall_back_with_one_warning(tmp_path, cli):
-    done = cli(*tiny(*SHORT, "encoder=dino_vits8"), HF_HOME=str(tmp_path / "empty"))
+    with pytest.warns(UserWarning, match="Using encoder=efficientnet_lite0 instead") as caught:
+        done = cli(*tiny(*SHORT, "encoder=dino_vits8"), HF_HOME=str(tmp_path / "empty"))
     assert done.returncode == 0, done.stderr[-800:]
-    assert done.stderr.count("Using encoder=efficientnet_lite0 instead") == 1
+    assert len([warning for warning in caught if "instead" in str(warning.message)]) == 1
     stored = (tmp_path / "run" / "weights.safetensors").read_bytes()[:20000].decode(errors="ignore")
     assert "efficientnet_lite0" in stored
 
@@ -113,7 +122,10 @@ def test_missing_encoder_weights_without_fallback_are_an_error(tmp_path, cli):
 
 def test_eval_reports_bad_weights_in_one_line(tmp_path, cli):
     (tmp_path / "other.safetensors").write_bytes(b"not a weight file")
-    for name, word in (("missing.safetensors", "does not exist"), ("other.safetensors", "damaged or of another program")):
+    for name, word in (
+        ("missing.safetensors", "does not exist"),
+        ("other.safetensors", "damaged or of another program"),
+    ):
         done = cli(f"weights={tmp_path / name}", main=fauna.eval.main)
         assert done.returncode == 2
         assert word in done.stderr.strip().splitlines()[-1]

@@ -7,10 +7,18 @@ from tests.runs import run, tiny
 
 MAPS_OF_32 = ("encoder.input_size=64", "encoder.stride=2", "encoder.grid_size=32")
 SMALL = {
-    "shape=paper": ("shape.grid_resolution=24", "shape.sdf.hidden_dim=16", "shape.eikonal_points=20", "shape.jitter=0.5"),
+    "shape=paper": (
+        "shape.grid_resolution=24",
+        "shape.sdf.hidden_dim=16",
+        "shape.eikonal_points=20",
+        "shape.jitter=0.5",
+    ),
     "shape=laptop": ("shape.grid_resolution=32", "shape.sdf.hidden_dim=16", "shape.eikonal_points=20"),
     "embedder=paper": (*MAPS_OF_32, "embedder.trunk.hidden_dim=16", "embedder.embedding_dim=16"),
-    "viewpoint=paper": (*MAPS_OF_32, "viewpoint.trunk.hidden_dim=16",),
+    "viewpoint=paper": (
+        *MAPS_OF_32,
+        "viewpoint.trunk.hidden_dim=16",
+    ),
     "deformation=paper": ("deformation.hidden_dim=16",),
     "articulation=paper": ("articulation.hidden_dim=16",),
     "articulation=published": ("articulation.hidden_dim=16",),
@@ -75,7 +83,9 @@ def test_schedule_trains_late_in_its_course(tmp_path, schedule):
     check(run(tmp_path, *tiny(f"schedule={schedule}", *options, *small)))
 
 
-@pytest.mark.parametrize("experiment", ["quadruped", "laptop", "quickstart", "[tiny,magicpony]", "[quadruped,magicpony]"])
+@pytest.mark.parametrize(
+    "experiment", ["quadruped", "laptop", "quickstart", "[tiny,magicpony]", "[quadruped,magicpony]"]
+)
 def test_experiment_trains_with_small_numbers(tmp_path, experiment):
     options = tiny(*EVERYTHING_ON)
     options[0] = f"+experiment={experiment}"

@@ -12,7 +12,17 @@ from fauna.errors import FaunaError
 from tests.runs import composed
 
 FILES = sorted(path.relative_to(CONF_DIR) for path in CONF_DIR.rglob("*.yaml"))
-COMPONENTS = ("encoder", "bank", "shape", "deformation", "viewpoint", "articulation", "appearance", "renderer", "discriminator")
+COMPONENTS = (
+    "encoder",
+    "bank",
+    "shape",
+    "deformation",
+    "viewpoint",
+    "articulation",
+    "appearance",
+    "renderer",
+    "discriminator",
+)
 GROUPS = sorted({str(f.parent) for f in FILES if str(f.parent) not in (".", "experiment", "sweep")})
 OPTIONS = [(group, f.stem) for group in GROUPS for f in FILES if str(f.parent) == group]
 EXPERIMENTS = sorted(f.stem for f in FILES if str(f.parent) == "experiment")

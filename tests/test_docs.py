@@ -11,6 +11,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 import torch
+import yaml
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 from PIL import Image
@@ -111,12 +112,12 @@ def test_file_choices_in_decisions_exist():
 
 def test_worked_example_trains(tmp_path, monkeypatch):
     architecture = ROOT / "docs" / "architecture.md"
-    (python,), (yaml,) = blocks(architecture, "python"), blocks(architecture, "yaml")
+    (code,), (config,) = blocks(architecture, "python"), blocks(architecture, "yaml")
     module = ModuleType("fauna.bank.mean")
     monkeypatch.setitem(sys.modules, module.__name__, module)
-    exec(compile(python, "docs/architecture.md", "exec"), module.__dict__)
+    exec(compile(code, "docs/architecture.md", "exec"), module.__dict__)
     (tmp_path / "conf" / "bank").mkdir(parents=True)
-    (tmp_path / "conf" / "bank" / "mean.yaml").write_text(yaml)
+    (tmp_path / "conf" / "bank" / "mean.yaml").write_text(config)
     search = f"hydra.searchpath=[file://{tmp_path / 'conf'}]"
     with initialize_config_dir(str(CONF_DIR), version_base="1.3"):
         cfg = compose("train", overrides=[*TINY, "bank=mean", "trainer.max_steps=2", search])
@@ -126,7 +127,6 @@ def test_worked_example_trains(tmp_path, monkeypatch):
 
     train(cfg, tmp_path / "run")
     state = torch.load(tmp_path / "run" / "checkpoints" / "step=0000002.ckpt", weights_only=True)["state_dict"]
-    torch.manual_seed(0)
     assert state["model.bank.values"].shape == (60, 64)
     bank = module.MeanBank(num_slots=5, value_dim=3, init=0.1)
     readout = bank(torch.zeros(2, 7), None)
@@ -222,6 +222,13 @@ def test_gate_installs_as_the_readme_says():
     assert (ROOT / ".ci" / "run").stat().st_mode & 0o100
     for gate in ("ruff check", "ruff format --check", "pyright"):
         assert gate in script
+
+
+@pytest.mark.parametrize("name", [".github/workflows/ci.yml", ".pre-commit-config.yaml"])
+def test_hosted_gates_are_yaml(name):
+    text = (ROOT / name).read_text()
+    assert yaml.safe_load(text)
+    assert "ruff" in text or ".ci/run" in text
 
 
 def test_changelog_has_an_unreleased_block():

@@ -41,7 +41,12 @@ def _fakes(monkeypatch):
 
 @pytest.mark.usefixtures("_fakes")
 def test_overall_is_the_mean_over_species_not_over_photos(monkeypatch):
-    photos = [("dog", FakePhoto(0.2, 1.0)), ("dog", FakePhoto(0.4, 3.0)), ("cat", FakePhoto(0.9, 8.0)), ("dog", FakePhoto(0.6, 5.0))]
+    photos = [
+        ("dog", FakePhoto(0.2, 1.0)),
+        ("dog", FakePhoto(0.4, 3.0)),
+        ("cat", FakePhoto(0.9, 8.0)),
+        ("dog", FakePhoto(0.6, 5.0)),
+    ]
     model = FakeModel().train()
     report = evaluate.__wrapped__(model, evaluation.fake_objective, iter(photos))
     assert report["species"]["dog"]["iou"] == pytest.approx(0.4)

@@ -71,8 +71,16 @@ def test_prior_is_bank_shape_and_feature_field(system, cfg):
     prior, rest = parameter_groups(system.model)
     names = {id(p): name for name, p in system.model.named_parameters()}
     assert {names[id(p)].split(".")[0] for p in prior} == {"bank", "shape", "appearance"}
-    assert all(names[id(p)].startswith("appearance.feature_field") for p in prior if names[id(p)].startswith("appearance"))
-    assert {names[id(p)].split(".")[0] for p in rest} == {"embedder", "viewpoint", "deformation", "articulation", "appearance"}
+    assert all(
+        names[id(p)].startswith("appearance.feature_field") for p in prior if names[id(p)].startswith("appearance")
+    )
+    assert {names[id(p)].split(".")[0] for p in rest} == {
+        "embedder",
+        "viewpoint",
+        "deformation",
+        "articulation",
+        "appearance",
+    }
     rates = [group["lr"] for group in system.configure_optimizers()[0].param_groups]
     assert rates == [cfg.optimizer.prior_lr, cfg.optimizer.lr]
 
@@ -92,7 +100,12 @@ def test_generator_losses_leave_the_discriminator_without_gradient(system, cfg):
     losses.total.backward()
     assert with_gradient(system.adversary) == set()
     assert all(parameter.requires_grad for parameter in system.adversary.parameters())
-    assert {name.split(".")[0] for name in with_gradient(system.model)} >= {"bank", "shape", "articulation", "viewpoint"}
+    assert {name.split(".")[0] for name in with_gradient(system.model)} >= {
+        "bank",
+        "shape",
+        "articulation",
+        "viewpoint",
+    }
     assert not pair.real.requires_grad
     assert not pair.fake.requires_grad
     assert not pair.condition.requires_grad
@@ -110,7 +123,9 @@ def test_discriminator_loss_leaves_the_model_without_gradient(system, cfg):
 def test_adversarial_gradient_reaches_shape_but_not_viewpoint(system, cfg):
     open_window(system, cfg)
     out = system.model(batch(system), Draws(0, 13))
-    loss, _ = system.adversary.generator_loss(batch(system), out, system.model.renderer, system.model.camera, Draws(0, 13))
+    loss, _ = system.adversary.generator_loss(
+        batch(system), out, system.model.renderer, system.model.camera, Draws(0, 13)
+    )
     loss.backward()
     touched = {name.split(".")[0] for name in with_gradient(system.model)}
     assert touched >= {"bank", "shape", "articulation"}

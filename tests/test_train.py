@@ -227,7 +227,9 @@ def _stage(checkpoint: dict) -> dict:
 
 def test_too_many_non_finite_steps_end_the_run(tmp_path, monkeypatch):
     Poison(monkeypatch, range(2, 30))
-    with pytest.raises(FaunaError, match=r"3 non-finite steps in a row \(photos: blobs/.*resume from the last checkpoint"):
+    with pytest.raises(
+        FaunaError, match=r"3 non-finite steps in a row \(photos: blobs/.*resume from the last checkpoint"
+    ):
         run(tmp_path, *tiny("callbacks.nan_guard.patience=3", "callbacks.checkpoints.every_steps=1"))
 
 
@@ -245,7 +247,9 @@ def test_poisoned_parameter_is_not_spread(tmp_path, monkeypatch):
     monkeypatch.setattr(FaunaSystem, "generator_losses", broken)
     with pytest.raises(FaunaError, match="2 non-finite steps in a row"):
         run(tmp_path, *tiny(*EVERY_STEP, "callbacks.nan_guard.patience=2", "trainer.max_steps=6"))
-    assert all(value.isfinite().all() for value in weights_of(state(tmp_path, 2), "model.").values() if torch.is_tensor(value))
+    assert all(
+        value.isfinite().all() for value in weights_of(state(tmp_path, 2), "model.").values() if torch.is_tensor(value)
+    )
 
 
 def test_broken_photo_is_named_before_training(tmp_path):
@@ -261,6 +265,8 @@ def test_broken_photo_is_named_before_training(tmp_path):
 def test_dataset_of_the_tests_does_not_change():
     from PIL import Image
 
-    colours = [int(torch.tensor(list(Image.open(path).tobytes())).sum()) for path in sorted(dataset().rglob("*_rgb.png"))]
+    colours = [
+        int(torch.tensor(list(Image.open(path).tobytes())).sum()) for path in sorted(dataset().rglob("*_rgb.png"))
+    ]
     assert len(colours) == 10
     assert len(set(colours)) == 10

@@ -9,6 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from fauna._conf import CONF_DIR
 from fauna.cli import run_cli
+from fauna.errors import FaunaError
 
 
 def main() -> None:
@@ -24,12 +25,13 @@ def _hydra_main(cfg: DictConfig) -> None:
 def evaluate_weights(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     """Evaluate ``cfg.weights``; the report goes to ``folder/report.json`` and the pictures to ``folder/pictures.png``.
 
-    The model is built from the configuration stored with the weights; ``+data=...`` and ``+data.root=...`` replace the
-    dataset it names.
+    The model is built from the configuration stored with the weights. ``data=...`` replaces the dataset it names,
+    ``data.root=...`` and ``data.split=...`` alone change where it lies and which photos are looked at.
 
     Raises:
         FaunaError: when weights or dataset cannot be used.
     """
+    import torch
     from hydra.utils import instantiate
 
     from fauna.build import build_encoder, build_model
@@ -38,9 +40,11 @@ def evaluate_weights(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     from fauna.io.contact_sheet import contact_sheet, save_png
     from fauna.io.run_folder import write_json
 
+    if cfg.threads is not None:
+        torch.set_num_threads(cfg.threads)
     weights = Path(cfg.weights)
     stored = DictConfig(read_weights(weights)[1]["config"])
-    stored.data = _dataset(stored.data, cfg)
+    stored.data = _dataset(stored.data, cfg.data)
     encoder = build_encoder(stored)
     data = instantiate(stored.data, _convert_="all", _partial_=True)(encoder=encoder)
     model = build_model(stored, encoder)
@@ -48,6 +52,11 @@ def evaluate_weights(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     model.eval()
     data.prepare(seed=cfg.seed, report=print)
     photos = data.photos(data.split)[: cfg.max_photos]
+    if not photos:
+        raise FaunaError(
+            f"data.split: expected a split with photos in {data.source.identity}, got {data.split}, which has none; "
+            "choose train, val, test or held_out"
+        )
     objective = instantiate(stored.losses, _convert_="all")
     metrics = evaluate(model, objective, ((photo.category, data.single(photo)) for photo in photos))
     report = {"weights": str(weights), "split": data.split, "dataset": data.source.identity, "metrics": metrics}
@@ -57,22 +66,23 @@ def evaluate_weights(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     return report
 
 
-def _dataset(stored: DictConfig, cfg: DictConfig) -> DictConfig:
-    """The stored dataset with what the command line says of ``data`` in its place or on top of it."""
-    given = cfg.get("data")
-    if given is None:
-        return stored
-    if "_target_" not in given:
-        return cast(DictConfig, OmegaConf.merge(stored, given))
-    given.image_size = stored.image_size
-    return given
+def _dataset(stored: DictConfig, given: DictConfig) -> DictConfig:
+    """The stored dataset, or the one of the command line in its place, with the command line's keys on top."""
+    if "_target_" in given:
+        given.image_size = stored.image_size
+        return given
+    changes = {key: given[key] for key in given if given[key] is not None}
+    if "root" in changes and "root" not in stored.source:
+        raise FaunaError(
+            f"data.root: expected weights trained on a folder, got {stored.source._target_}; add data=fauna"
+        )
+    if "root" in changes:
+        stored.source.root = changes["root"]
+    return cast(DictConfig, OmegaConf.merge(stored, changes))
 
 
 def _print_table(report: dict[str, Any], folder: Path) -> None:
     metrics = report["metrics"]
-    if metrics is None:
-        print(f"the split {report['split']!r} of {report['dataset']} has no photos")
-        return
     for species, row in metrics["species"].items():
         print(f"{species:20s} {row['num_photos']:5d} photos  IoU {row['iou']:.3f}")
     print(f"{'mean over species':20s} {metrics['num_photos']:5d} photos  IoU {metrics['iou']:.3f}")

@@ -55,7 +55,12 @@ def build_trainer(
     if threads is not None:
         torch.set_num_threads(threads)
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # costs a pass over every new tensor; nothing reads them
-    for noise in (".*does not have many workers.*", ".*in eval mode at the start of training.*", ".*LeafSpec.*"):
+    for noise in (
+        ".*does not have many workers.*",
+        ".*in eval mode at the start of training.*",
+        ".*LeafSpec.*",
+        ".*dataloader is not resumable.*",
+    ):
         warnings.filterwarnings("ignore", message=noise)
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     warnings.filterwarnings("ignore", message=".*`IterableDataset` has `__len__` defined.*")

@@ -56,7 +56,7 @@ def test_regulariser_gradients():
 def test_hypothesis_target_is_detached():
     predicted, measured = draw(4).requires_grad_(True), draw(4, seed=2).requires_grad_(True)
     loss = hypothesis_loss(predicted, measured)
-    assert float(loss) == pytest.approx(
+    assert loss.item() == pytest.approx(
         sum((p - m) ** 2 for p, m in zip(predicted.tolist(), measured.tolist(), strict=True)) / 4
     )
     loss.backward()
@@ -132,7 +132,7 @@ def test_gradient_penalty_against_finite_differences_and_its_own_gradient():
         inputs = samples.clone().requires_grad_(True)
         return gradient_penalty(network(inputs, weight), inputs)
 
-    assert float(penalty(first)) == pytest.approx(slow, rel=1e-6)
+    assert penalty(first).item() == pytest.approx(slow, rel=1e-6)
     assert torch.autograd.gradcheck(penalty, first.clone().requires_grad_(True))
 
 

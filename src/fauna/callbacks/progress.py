@@ -48,7 +48,7 @@ class ProgressLine(Callback):
 def _duration(seconds: float) -> str:
     """Hours, minutes and seconds.
 
-    >>> _duration(3725)
+    >>> _duration(3725.0)
     '1:02:05'
     """
     whole = int(seconds)

@@ -14,7 +14,6 @@ from fauna.data.photos import Photo, load_photo, resize_image
 from fauna.encoder.base import Encoder
 from fauna.types import Batch, Features
 
-
 FEATURE_MAP_CHANNELS = 16  # of a published ``feat16.png``
 
 

@@ -12,7 +12,7 @@ class OfflineWandbLogger(WandbLogger):
         """Close the run."""
         super().finalize(status)
         if self._experiment is not None:
-            self._experiment.finish(exit_code=0 if status == "success" else 1, quiet=True)
+            self._experiment.finish(exit_code=0 if status == "success" else 1)
             self._experiment = None
 
 

@@ -92,7 +92,8 @@ class Objective:
         if out.instance.offsets is not None and stage.weight("deformation"):
             terms["deformation"] = deformation_loss(out.instance.offsets)
         terms.update(extra)
-        total = sum((stage.weight(name) * value for name, value in terms.items()), start=measured.new_zeros(()))
+        weighted = (stage.weight(name) * value for name, value in terms.items() if stage.weight(name))
+        total = sum(weighted, start=measured.new_zeros(()))
         return Losses(total, terms, measured, weights)
 
 

@@ -1,0 +1,72 @@
+"""Data sources list photos; the zoo's keep nothing that training must not know."""
+
+import numpy as np
+import pytest
+
+from fauna.data.fauna_folder import CategoryPhotos
+from fauna.data.sources import FaunaFolder, ZooPhotos
+from fauna.errors import FaunaError
+from tests.runs import blob, dataset
+
+PATTERN = r"(.+_\d+)_\d+"
+
+
+def zoo(**changes) -> ZooPhotos:
+    return ZooPhotos(**{"seed": 0, "photos_per_species": 2, "image_size": 32, "species": ["dog", "horse"], **changes})
+
+
+def test_folder_lists_the_drawn_dataset():
+    found = FaunaFolder(root=str(dataset()), photograph_pattern=PATTERN).categories()
+    assert {name: (len(p.train), len(p.val)) for name, p in found.items()} == {"long": (4, 1), "round": (4, 1)}
+    raw = found["long"].train[1].source.read()
+    image, mask = blob("long", 1)
+    assert np.array_equal(raw.image, image)
+    assert np.array_equal(raw.mask, mask > 0)
+
+
+def test_folder_needs_a_root():
+    with pytest.raises(FaunaError, match=r"data.root: expected a dataset folder .* got none; give data.root=FOLDER"):
+        FaunaFolder(root=None, photograph_pattern=PATTERN)
+
+
+def test_identity_tells_folders_apart(tmp_path):
+    names = {FaunaFolder(root=str(tmp_path / parent / "set"), photograph_pattern=PATTERN).identity for parent in "ab"}
+    assert len(names) == 2
+    assert all(name.startswith("set-") for name in names)
+
+
+def test_zoo_photos_carry_no_keypoints_and_survive_the_cache():
+    found = zoo().categories()
+    assert list(found) == ["dog", "horse"]
+    assert all(isinstance(photos, CategoryPhotos) for photos in found.values())
+    source = found["dog"].train[0].source
+    drawn, cached = source.read(), source.read()
+    for raw in (drawn, cached):
+        assert raw.keypoints is None
+        assert raw.image.shape == (32, 32, 3)
+        assert raw.mask.any()
+    assert np.array_equal(drawn.image, cached.image)
+    assert np.array_equal(drawn.mask, cached.mask)
+    assert drawn.box == cached.box
+
+
+def test_damaged_zoo_picture_is_drawn_again():
+    source = zoo().categories()["horse"].train[1].source
+    drawn = source.read()
+    path = source._path()
+    path.write_bytes(path.read_bytes()[:50])
+    assert np.array_equal(source.read().image, drawn.image)
+
+
+def test_zoo_keys_depend_on_everything_that_changes_a_picture():
+    keys = {
+        collection.categories()["dog"].train[index].source.content_key()
+        for collection in (zoo(), zoo(seed=1), zoo(image_size=64))
+        for index in (0, 1)
+    }
+    assert len(keys) == 6
+
+
+def test_unknown_species_are_named():
+    with pytest.raises(FaunaError, match=r"data.source.species: expected names among .*dog.* got \['unicorn'\]"):
+        zoo(species=["dog", "unicorn"])
