@@ -148,13 +148,11 @@ class Schedule:
         }
         for name, window in {**self.windows, "all_hypotheses": all_hypotheses}.items():
             _check_window(name, window)
-        for name, value in {
-            **weights,
-            **target_weights,
-            "leg_limits": leg_limits,
-            "grid_resolution": grid_resolution,
-        }.items():
-            _check_piecewise(name, value)
+        _check_piecewise("leg_limits", leg_limits)
+        _check_piecewise("grid_resolution", grid_resolution)
+        for group, values in (("weights", weights), ("target_weights", target_weights)):
+            for name, value in values.items():
+                _check_piecewise(f"{group}.{name}", value)
         self.start_at = start_at
         self.leg_limits = leg_limits
         self.grid_resolution = grid_resolution
@@ -218,5 +216,5 @@ def _check_piecewise(name: str, value: Piecewise) -> None:
     starts = [pair[0] for pair in value]
     if not starts or starts[0] != 0 or starts != sorted(starts):
         raise FaunaError(
-            f"schedule: {name} must be a number or pairs [step, value] from step 0 on in ascending order, got {value}; sort them"
+            f"schedule.{name} must be a number or pairs [step, value] from step 0 on in ascending order, got {value}; sort them"
         )

@@ -60,10 +60,10 @@ def build_trainer(
         ".*in eval mode at the start of training.*",
         ".*LeafSpec.*",
         ".*dataloader is not resumable.*",
+        ".*smaller than the logging interval.*",
     ):
         warnings.filterwarnings("ignore", message=noise)
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
-    warnings.filterwarnings("ignore", message=".*`IterableDataset` has `__len__` defined.*")
     on_gpu = accelerator in ("gpu", "cuda") or (accelerator == "auto" and torch.cuda.is_available())
     try:
         return Trainer(
