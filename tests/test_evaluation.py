@@ -11,6 +11,7 @@ class FakeModel(torch.nn.Module):
     """Its prediction is in the photo."""
 
     stage = None
+    device = torch.device("cpu")
 
     def feature_targets(self, photo):
         return None
@@ -25,6 +26,10 @@ class FakePhoto:
         self.iou, self.loss = iou, loss
         self.renders = self
         self.silhouette = self.masks = None
+
+    def to(self, device):
+        assert device == FakeModel.device
+        return self
 
 
 @pytest.fixture(autouse=True)

@@ -133,7 +133,12 @@ class FaunaModel(nn.Module):
         if batch.features is not None:
             return batch.features
         assert batch.encoder_images is not None, "a batch carries features or encoder_images"
-        return self.encoder(batch.encoder_images)
+        return self.encoder(batch.encoder_images).to(batch.images.device)
+
+    @property
+    def device(self) -> torch.device:
+        """Where the model is."""
+        return next(self.parameters()).device
 
     @torch.no_grad()
     def feature_targets(self, batch: Batch) -> Float[Tensor, "batch chan grid_height grid_width"]:

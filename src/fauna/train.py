@@ -70,6 +70,7 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     if resume is not None:
         report_changes(resume, config)  # now that the trainer has set the threads
     data.prepare(seed=cfg.seed, report=print)
+    encoder.to(trainer.strategy.root_device)
     if resume is None:
         _start(cfg, system, data)
     baseline = _validate(trainer, system, data, schedule) if resume is None else None

@@ -153,7 +153,7 @@ class FeatureCache:
         parts = [features.global_, features.tokens.flatten(1)]
         if not self.encoder.keys_are_tokens:
             parts.append(features.keys.flatten(1))
-        packed = torch.cat(parts, dim=1).clamp(-HALF_MAX, HALF_MAX).half().numpy().astype("<f2")
+        packed = torch.cat(parts, dim=1).clamp(-HALF_MAX, HALF_MAX).half().cpu().numpy().astype("<f2")
         if not np.isfinite(packed).all():
             raise FaunaError(
                 f"photo {photo.name} expects finite features, got nan from encoder={self.encoder.name}; leave the photo out"

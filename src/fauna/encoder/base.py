@@ -79,7 +79,12 @@ class Encoder(nn.Module, ABC):
                 f"encoder={self.name} expects {self.input_size}x{self.input_size} images, got {size[0]}x{size[1]}; "
                 "resize them or set encoder.input_size"
             )
-        return self._encode(images)
+        return self._encode(images.to(self.device))
+
+    @property
+    def device(self) -> torch.device:
+        """Where the network is; inputs are brought there."""
+        return next(self.network.parameters()).device
 
     @abstractmethod
     def _encode(self, images: Float[Tensor, "batch 3 height width"]) -> Features:

@@ -66,6 +66,7 @@ def shape_view(
 
 
 def _row(model: FaunaModel, photo: Batch, cell: int) -> np.ndarray:
+    photo = photo.to(model.device)
     out: Reconstruction = model(photo)
     renders = out.renders
     targets = model.feature_targets(photo)
@@ -73,7 +74,9 @@ def _row(model: FaunaModel, photo: Batch, cell: int) -> np.ndarray:
     mask = photo.masks[0].expand(3, -1, -1)
     assert renders.rgb is not None
     assert renders.features is not None
-    overlay = 0.5 * photo.images[0] + 0.5 * renders.silhouette[0] * torch.tensor([1.0, 0.35, 0.1])[:, None, None]
+    overlay = (
+        0.5 * photo.images[0] + 0.5 * renders.silhouette[0] * photo.images.new_tensor([1.0, 0.35, 0.1])[:, None, None]
+    )
     pictures = [
         photo.images[0],
         mask,
