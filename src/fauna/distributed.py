@@ -28,6 +28,20 @@ class GradientAverageStrategy(DDPStrategy):
         return nullcontext()
 
 
+def _several_processes() -> bool:
+    return dist.is_available() and dist.is_initialized() and dist.get_world_size() > 1
+
+
+@torch.no_grad()
+def everywhere(flag: torch.Tensor) -> bool:
+    """Whether a boolean scalar is true on every process, so that all of them take the same branch."""
+    if _several_processes():
+        votes = flag.to(torch.float32)
+        dist.all_reduce(votes, op=dist.ReduceOp.MIN)
+        return bool(votes)
+    return bool(flag)
+
+
 @torch.no_grad()
 def average_gradients(parameters: Iterable[nn.Parameter]) -> None:
     """Sum gradients over processes (each is already divided by the number of micro-batches of the whole step).
@@ -35,7 +49,7 @@ def average_gradients(parameters: Iterable[nn.Parameter]) -> None:
     A parameter without gradient on one process but with one on another counts as zero there; one that has none
     anywhere keeps none, so that optimiser states agree with a single process.
     """
-    if not (dist.is_available() and dist.is_initialized() and dist.get_world_size() > 1):
+    if not _several_processes():
         return
     params = [parameter for parameter in parameters if parameter.requires_grad]
     if not params:

@@ -1,5 +1,6 @@
 """``fauna-eval``: losses, silhouette IoU and pictures of a checkpoint or weight file."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -45,10 +46,11 @@ def evaluate_weights(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     weights = Path(cfg.weights)
     stored = DictConfig(read_weights(weights)[1]["config"])
     stored.data = _dataset(stored.data, cfg.data)
+    stored.renderer = cfg.renderer  # not learned: any machine can evaluate what another has trained
     encoder = build_encoder(stored)
     data = instantiate(stored.data, _convert_="all", _partial_=True)(encoder=encoder)
     model = build_model(stored, encoder)
-    load_weights(model, weights)
+    data.number_species(load_weights(model, weights)["species"])
     model.eval()
     data.prepare(seed=cfg.seed, report=print)
     photos = data.photos(data.split)[: cfg.max_photos]
@@ -57,7 +59,7 @@ def evaluate_weights(cfg: DictConfig, folder: Path) -> dict[str, Any]:
             f"data.split: expected a split with photos in {data.source.identity}, got {data.split}, which has none; "
             "choose train, val, test or held_out"
         )
-    objective = instantiate(stored.losses, _convert_="all")
+    objective = replace(instantiate(stored.losses, _convert_="all"), weighting="uniform")
     metrics = evaluate(model, objective, ((photo.category, data.single(photo)) for photo in photos))
     report = {"weights": str(weights), "split": data.split, "dataset": data.source.identity, "metrics": metrics}
     write_json(report, folder / "report.json")

@@ -28,7 +28,7 @@ def evaluate(model: FaunaModel, objective: Objective, photos: Iterable[tuple[str
     model.eval()
     rows: dict[str, list[dict[str, float]]] = defaultdict(list)
     for species, photo in photos:
-        photo = photo.to(model.device)
+        photo = model.with_features(photo.to(model.device))
         out = model(photo)
         losses = objective(photo, model.feature_targets(photo), out, model.stage, {})
         row = {name: float(value) for name, value in losses.terms.items()}

@@ -1,6 +1,7 @@
 """The model. ``FaunaModel.forward`` is the data flow of the paper, one line per stage."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -21,7 +22,6 @@ from fauna.renderer.deferred import FeatureLookup, render
 from fauna.shape.base import Shape
 from fauna.stages import Stage
 from fauna.types import (
-    BankReadout,
     BaseShape,
     Batch,
     Camera,
@@ -92,6 +92,7 @@ class FaunaModel(nn.Module):
         self.camera = dict(camera)
         self.feature_lookup: FeatureLookup = feature_lookup
         self.stage = Stage()
+        self.grid_resolution = shape.grid_resolution  # as configured: what a stage without one means
 
     def forward(self, batch: Batch, draws: Draws | None = None) -> Reconstruction:
         """Reconstruct and render every photo of the batch with one shared base shape.
@@ -135,6 +136,10 @@ class FaunaModel(nn.Module):
         assert batch.encoder_images is not None, "a batch carries features or encoder_images"
         return self.encoder(batch.encoder_images).to(batch.images.device)
 
+    def with_features(self, batch: Batch) -> Batch:
+        """The same batch carrying its frozen features, so that the encoder runs once however often they are used."""
+        return replace(batch, features=self.encode(batch), encoder_images=None)
+
     @property
     def device(self) -> torch.device:
         """Where the model is."""
@@ -175,15 +180,12 @@ class FaunaModel(nn.Module):
         )
         return skeleton, pose, self.rig.pose(base, per_row, bones, pose)
 
-    def read_bank(self, batch: Batch) -> BankReadout:
-        """Only the bank's answer, for reports."""
-        return self.bank(self.feature_space.normalize(self.encode(batch)).global_, batch.category)
-
     def set_stage(self, stage: Stage) -> None:
         """Switch parts on or off; called by the schedule callback and when weights are loaded."""
         self.stage = stage
-        if stage.grid_resolution is not None:
-            self.shape.set_resolution(stage.grid_resolution)
+        wanted = stage.grid_resolution or self.grid_resolution
+        if wanted != self.shape.grid_resolution:
+            self.shape.set_resolution(wanted)
 
     def get_extra_state(self) -> dict[str, Any]:
         """The stage travels with the weights."""

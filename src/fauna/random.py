@@ -7,7 +7,6 @@ reproduced without having run the steps before it.
 import hashlib
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 
 
@@ -43,7 +42,3 @@ class Draws:
         generator = torch.Generator(device="cpu")
         generator.manual_seed(derive_seed(self.seed, self.step, purpose, self.index))
         return generator
-
-    def numpy(self, purpose: str) -> np.random.Generator:
-        """The numpy counterpart of :meth:`generator`."""
-        return np.random.default_rng(derive_seed(self.seed, self.step, purpose, self.index))

@@ -1,15 +1,17 @@
 """The LightningModule: optimises and logs, nothing else. The data flow is in ``model.py``, the terms in ``losses/``."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
 from lightning import LightningModule
 from torch import Tensor
 
+from fauna.bank.base import slot_entropy
 from fauna.discriminator.adversary import Adversary, MaskPair
-from fauna.distributed import average_gradients
+from fauna.distributed import average_gradients, everywhere
+from fauna.geometry.sparse_extraction import EmptyMeshError
 from fauna.losses.objective import Losses, Objective
 from fauna.model import FaunaModel
 from fauna.random import Draws
@@ -28,8 +30,10 @@ class OptimizerOptions:
         prior_lr: learning rate of :data:`PRIOR`.
         lr: of everything else in the model.
         discriminator_lr: of the discriminator.
-        betas: of Adam.
-        eps: of Adam.
+        betas: of the model's Adam.
+        eps: of the model's Adam.
+        discriminator_betas: of the discriminator's Adam.
+        discriminator_eps: of the discriminator's Adam.
         clip_norm: maximal gradient norm over the whole model, ``None`` = no clipping.
     """
 
@@ -38,6 +42,8 @@ class OptimizerOptions:
     discriminator_lr: float
     betas: Sequence[float]
     eps: float
+    discriminator_betas: Sequence[float]
+    discriminator_eps: float
     clip_norm: float | None
 
 
@@ -82,20 +88,25 @@ class FaunaSystem(LightningModule):
         out = None
         for position, micro in enumerate(batch):
             draws = Draws(self.seed, step, self.global_rank * len(batch) + position)
-            losses, out, pair = self.generator_losses(micro, draws)
+            try:
+                losses, out, pair = self.generator_losses(micro, draws)
+            except EmptyMeshError:  # counted and named like a non-finite loss
+                terms["total"] = torch.full((), torch.nan)
+                break
             self.manual_backward(losses.total * share)
             pairs += [] if pair is None else [pair]
             for name, value in {"total": losses.total, **losses.terms}.items():
                 terms[name] = terms.get(name, 0.0) + value.detach() / len(batch)
         self._finish(generator, list(self.model.parameters()), terms["total"])
-        if pairs:
+        if self.adversarial and self.adversary.network is not None:  # on every process, whatever became of its masks
             terms |= self._discriminator_step(discriminator, pairs, share)
-        assert out is not None, "a step has at least one micro-batch"
-        self._log_terms(terms, out, step)
+        if out is not None:
+            self._log_terms(terms, out, step)
 
     def generator_losses(self, batch: Batch, draws: Draws) -> tuple[Losses, Reconstruction, MaskPair | None]:
         """Forward pass and every loss term of the generator for one micro-batch."""
         stage = self.model.stage
+        batch = self.model.with_features(batch)
         out = self.model(batch, draws)
         extra: dict[str, Tensor] = {}
         pair = None
@@ -111,9 +122,10 @@ class FaunaSystem(LightningModule):
         """Losses and silhouette IoU of photos, each reconstructed on its own as at test time."""
         from fauna.metrics.iou import silhouette_iou
 
-        for photo in batch:
+        objective = replace(self.objective, weighting="uniform")
+        for photo in map(self.model.with_features, batch):
             out = self.model(photo)
-            losses = self.objective(photo, self.model.feature_targets(photo), out, self.model.stage, {})
+            losses = objective(photo, self.model.feature_targets(photo), out, self.model.stage, {})
             self.log("val/iou", silhouette_iou(out.renders.silhouette, photo.masks).mean(), batch_size=1)
             self.log_dict({f"val/{name}": value for name, value in losses.terms.items()}, batch_size=1)
 
@@ -121,13 +133,22 @@ class FaunaSystem(LightningModule):
         """One Adam with two groups for the model, one for the discriminator; each trainable parameter is in exactly one."""
         options = self.options
         prior, rest = parameter_groups(self.model)
-        kwargs: dict[str, Any] = {"betas": tuple(options.betas), "eps": options.eps, "fused": True}
         groups = [{"params": prior, "lr": options.prior_lr}, {"params": rest, "lr": options.lr}]
         optimizers: list[torch.optim.Optimizer] = [
-            torch.optim.Adam([group for group in groups if group["params"]], **kwargs)
+            torch.optim.Adam(
+                [group for group in groups if group["params"]], betas=tuple(options.betas), eps=options.eps, fused=True
+            )
         ]
         adversary = list(self.adversary.parameters()) or [torch.nn.Parameter(torch.zeros(()))]
-        optimizers.append(torch.optim.Adam(adversary, lr=options.discriminator_lr, **kwargs))
+        optimizers.append(
+            torch.optim.Adam(
+                adversary,
+                lr=options.discriminator_lr,
+                betas=tuple(options.discriminator_betas),
+                eps=options.discriminator_eps,
+                fused=True,
+            )
+        )
         for optimizer in optimizers:
             for group in optimizer.param_groups:
                 group["initial_lr"] = group["lr"]
@@ -145,7 +166,7 @@ class FaunaSystem(LightningModule):
         average_gradients(parameters)
         grads = [parameter.grad for parameter in parameters if parameter.grad is not None]
         norm = torch.nn.utils.get_total_norm(grads)
-        self.last_finite = bool(torch.isfinite(norm + total.detach()))
+        self.last_finite = everywhere(torch.isfinite(norm + total.detach()))
         if not self.last_finite:
             for parameter in parameters:
                 parameter.grad = None  # Adam passes over parameters without gradient; the step still counts
@@ -163,7 +184,8 @@ class FaunaSystem(LightningModule):
                 terms[name] = terms.get(name, 0.0) + value.detach() / len(pairs)
         parameters = list(self.adversary.parameters())
         average_gradients(parameters)
-        if all(bool(torch.isfinite(p.grad).all()) for p in parameters if p.grad is not None):
+        norm = torch.nn.utils.get_total_norm([p.grad for p in parameters if p.grad is not None])
+        if everywhere(torch.isfinite(norm)):
             optimizer.step()
         return terms
 
@@ -176,8 +198,7 @@ class FaunaSystem(LightningModule):
         if out.pose is not None:
             values["model/angle_rms"] = out.pose.angles.detach().square().mean().sqrt()
         if out.readout.weights is not None:
-            share = out.readout.weights.detach().abs()
-            values["bank/entropy"] = -(share * share.clamp_min(1e-12).log()).sum(dim=1).mean()
+            values["bank/entropy"] = slot_entropy(out.readout).detach().mean()
         self.latest = values
         if (step + 1) % self.trainer.log_every_n_steps == 0:  # type: ignore[attr-defined]
             for logger in self.trainer.loggers:

@@ -2,6 +2,7 @@
 
 import inspect
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,9 +68,9 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     callbacks = [_make(node, given) for node in cfg.callbacks.values() if node is not None]
     loggers = [_make(node, given) for node in cfg.logger.values() if node is not None]
     trainer = _make(cfg.trainer, {**given, "callbacks": callbacks, "logger": loggers})
-    if resume is not None:
-        report_changes(resume, config)  # now that the trainer has set the threads
     data.prepare(seed=cfg.seed, report=print)
+    if resume is not None:
+        report_changes(resume, config, data.photos_digest(), encoder.fingerprint)
     encoder.to(trainer.strategy.root_device)
     if resume is None:
         _start(cfg, system, data)
@@ -121,8 +122,10 @@ def _validate(
         return None
     if schedule is not None:
         system.model.set_stage(schedule.at(0))
+    system.to(trainer.strategy.root_device)
     photos = data.photos(data.split)[: int(trainer.limit_val_batches)]
-    return evaluate(system.model, system.objective, ((photo.category, data.single(photo)) for photo in photos))
+    objective = replace(system.objective, weighting="uniform")
+    return evaluate(system.model, objective, ((photo.category, data.single(photo)) for photo in photos))
 
 
 def _say_where(folder: Path, result: dict[str, Any]) -> None:

@@ -32,10 +32,10 @@ def build_trainer(
 
     Args:
         max_steps: optimiser steps in all.
-        accelerator: ``cpu``, ``gpu``, ``mps`` or ``auto``.
+        accelerator: ``cpu``, ``gpu`` or ``auto``.
         devices: number or list of devices per node.
         num_nodes: machines, started by torchrun or Slurm.
-        precision: ``32-true`` or ``bf16-mixed``.
+        precision: ``32-true``.
         threads: CPU threads of torch, ``None`` = its own choice; a resumed run equals an uninterrupted one at equal threads.
         deterministic: refuse operations without a deterministic implementation (warn only on a GPU).
         val_every: steps between two validations.
@@ -52,6 +52,17 @@ def build_trainer(
         raise FaunaError(
             f"trainer.max_steps: expected a whole number >= 1, got {max_steps}; e.g. trainer.max_steps=3000"
         )
+    if precision != "32-true":
+        raise FaunaError(
+            f"trainer.precision: expected 32-true, got {precision}; geometry and rendering need float32, mixed precision is "
+            "not supported yet"
+        )
+    if accelerator == "mps":
+        raise FaunaError(
+            "trainer.accelerator: expected cpu, gpu or auto, got mps, which lacks float64; use trainer.accelerator=cpu"
+        )
+    if accelerator == "auto" and not torch.cuda.is_available():
+        accelerator = "cpu"
     if threads is not None:
         torch.set_num_threads(threads)
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # costs a pass over every new tensor; nothing reads them

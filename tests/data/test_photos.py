@@ -109,10 +109,11 @@ def test_load_photo_at_its_own_size(tmp_path, suffix):
         assert torch.allclose(loaded.image, torch.from_numpy(image).permute(2, 0, 1) / 255.0)
 
 
-def test_mask_is_the_majority_of_the_area():
+def test_mask_is_the_covered_share_of_the_area():
     mask = np.random.default_rng(0).random((32, 32)) > 0.4
     blocks = mask.reshape(8, 4, 8, 4).mean(axis=(1, 3))
-    assert torch.equal(resize_mask(mask, 8), torch.from_numpy((blocks > 0.5).astype(np.float32)))
+    torch.testing.assert_close(resize_mask(mask, 8), torch.from_numpy(blocks).float(), atol=0.5 / 255 + 1e-6, rtol=0)
+    assert set(resize_mask(mask, 32).unique().tolist()) == {0.0, 1.0}
 
 
 def test_resized_image_keeps_range_and_mean():

@@ -43,7 +43,7 @@ def test_round_trip(tmp_path, half):
     torch.manual_seed(1)
     model, other = model_of(), model_of()
     model.set_stage(Stage(articulation=False, leg_limits="early", temperature=0.25, weights={"mask": 3.0}))
-    save_weights(model, tmp_path / "w.safetensors", config=CONFIG, half=half)
+    save_weights(model, tmp_path / "w.safetensors", config=CONFIG, species=["dog", "horse"], half=half)
     metadata = load_weights(other, tmp_path / "w.safetensors")
     assert other.stage == model.stage == metadata["stage"]
     assert metadata["config"] == {"name": "test"}
@@ -148,11 +148,11 @@ def fail(*args, **kwargs):
 def test_failed_writes_leave_the_old_file(tmp_path, monkeypatch):
     model = model_of()
     path = tmp_path / "w.safetensors"
-    save_weights(model, path, config=CONFIG, half=True)
+    save_weights(model, path, config=CONFIG, species=["dog", "horse"], half=True)
     before = path.read_bytes()
     monkeypatch.setattr(module, "save_file", fail)
     with pytest.raises(OSError, match="disk full"):
-        save_weights(model, path, config=CONFIG, half=True)
+        save_weights(model, path, config=CONFIG, species=["dog", "horse"], half=True)
     assert path.read_bytes() == before
     assert [file.name for file in tmp_path.iterdir()] == ["w.safetensors"]
 

@@ -51,7 +51,9 @@ class Checkpoints(Callback):
         """Export the weights."""
         assert isinstance(pl_module, FaunaSystem)
         if trainer.is_global_zero:
-            save_weights(pl_module.model, self.folder / "weights.safetensors", config=self.config, half=self.half)
+            species = trainer.datamodule.train_species  # type: ignore[attr-defined]
+            path = self.folder / "weights.safetensors"
+            save_weights(pl_module.model, path, config=self.config, species=species, half=self.half)
 
     def on_save_checkpoint(self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]) -> None:
         """What a resume compares and a bare checkpoint needs to be rebuilt."""
@@ -59,6 +61,8 @@ class Checkpoints(Callback):
         checkpoint["fauna"] = {
             "config": self.config,
             "encoder": pl_module.model.encoder.fingerprint,
+            "species": trainer.datamodule.train_species,  # type: ignore[attr-defined]
+            "photos": trainer.datamodule.photos_digest(),  # type: ignore[attr-defined]
             "environment": environment(),
         }
 

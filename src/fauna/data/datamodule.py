@@ -1,5 +1,6 @@
 """The data module: batches as a pure function of (seed, step), validation photos one by one."""
 
+import hashlib
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -106,6 +107,7 @@ class PhotoDataModule(LightningDataModule):
         )
         self.by_category: dict[str, CategoryPhotos] = {}
         self.seed = 0
+        self.numbered: list[str] | None = None
 
     def prepare(self, *, seed: int, report: Callable[[str], None]) -> None:
         """List, split and check the photos.
@@ -138,8 +140,17 @@ class PhotoDataModule(LightningDataModule):
 
     @property
     def train_species(self) -> list[str]:
-        """Species with training photos, in the order of the category index."""
+        """Species with training photos."""
         return [name for name, photos in self.by_category.items() if photos.train]
+
+    def photos_digest(self) -> str:
+        """Digest of the names of all training photos: with other photos the same seed gives other batches."""
+        names = "\n".join(photo.name for each in self.by_category.values() for photo in each.train + each.back_views)
+        return hashlib.blake2b(names.encode(), digest_size=8).hexdigest()
+
+    def number_species(self, names: list[str]) -> None:
+        """Category indices as the weights know them; species they were not trained on have none."""
+        self.numbered = list(names)
 
     def photos(self, split: Split) -> list[Photo]:
         """Photos of a split, taking turns between species so that any first few are balanced."""
@@ -152,7 +163,7 @@ class PhotoDataModule(LightningDataModule):
 
     def single(self, photo: Photo) -> Batch:
         """A batch of one photo, as at test time."""
-        species = self.train_species
+        species = self.train_species if self.numbered is None else self.numbered
         category = species.index(photo.category) if photo.category in species else None
         return self.loader.batch([photo], [False], category)
 

@@ -13,14 +13,14 @@ def distance_maps(
     """Distance of each pixel centre to the nearest centre of the other kind, in image widths.
 
     Args:
-        mask: (height, width), 1 is foreground, anything below is background.
+        mask: (height, width), above one half is foreground.
 
     Returns:
         inside: distance of foreground pixels to the background, 0 on the background.
         outside: distance of background pixels to the foreground, 0 on the foreground.
         A kind that does not occur counts as one image width away.
     """
-    foreground = mask.numpy() >= 1
+    foreground = mask.numpy() > 0.5
     return _distance(foreground), _distance(~foreground)
 
 

@@ -59,7 +59,7 @@ class PhotoLoader:
         stack = {name: torch.stack([getattr(p, name) for p in pixels]).float() for name in Pixels.__dataclass_fields__}
         return Batch(
             images=stack["image"] / 255.0,
-            masks=stack["mask"],
+            masks=stack["mask"] / 255.0,
             distance_inside=stack["inside"],
             distance_outside=stack["outside"],
             valid=stack["valid"],
@@ -86,7 +86,9 @@ class PhotoLoader:
         loaded = load_photo(photo, size=self.image_size, valid_margin=self.valid_margin)
         inside, outside = distance_maps(loaded.mask)
         image = (loaded.image * 255.0).round().to(torch.uint8)
-        pixels = Pixels(image, loaded.mask.to(torch.uint8), inside, outside, loaded.valid.to(torch.uint8))
+        pixels = Pixels(
+            image, (loaded.mask * 255.0).round().to(torch.uint8), inside, outside, loaded.valid.to(torch.uint8)
+        )
         if self._budget >= pixels.size():
             self._budget -= pixels.size()
             self._pixels[photo] = pixels

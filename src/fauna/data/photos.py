@@ -75,7 +75,7 @@ class LoadedPhoto:
 
     Attributes:
         image: (3, size, size) in [0, 1].
-        mask: (size, size) 0 or 1.
+        mask: (size, size) share of each pixel's area that is foreground, in [0, 1].
         valid: (size, size) 1 where the pixel comes from inside the original photo.
         keypoints: (key, 3) NDC x, y (y down) and 1 where annotated, or ``None``.
     """
@@ -148,7 +148,7 @@ def load_photo(photo: Photo, *, size: int, valid_margin: float) -> LoadedPhoto:
     """
     raw = photo.source.read()
     mask = resize_mask(raw.mask, size)
-    if not bool(mask.any()):
+    if not bool((mask > 0.5).any()):
         raise FaunaError(
             f"photo {photo.name} expects a visible animal, got none left of its mask at {size} px; leave it out"
         )
@@ -167,9 +167,9 @@ def resize_image(image: UInt8[np.ndarray, "height width 3"], size: int) -> Float
 
 
 def resize_mask(mask: Bool[np.ndarray, "height width"], size: int) -> Float[Tensor, "size size"]:
-    """1 where more than half of a pixel's area is foreground."""
+    """Share of each pixel's area that is foreground, rounded to 8 bits: as soft on the outline as a rendered silhouette."""
     coverage = Image.fromarray(mask.astype(np.float32)).resize((size, size), Image.Resampling.BOX)
-    return torch.from_numpy((np.array(coverage) > 0.5).astype(np.float32))
+    return torch.from_numpy(np.array(coverage)).mul_(255).round_().div_(255)
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,8 @@ def with_available_encoder(cfg: DictConfig, overrides: list[str], config_name: s
     if available == requested:
         return cfg
     kept = [text for text in overrides if not text.startswith(("encoder=", "encoder."))]
+    if not any(text.startswith("feature_space=") for text in kept):
+        kept.append("feature_space=standardized")  # pooled convolutional features are all positive: raw cosines bunch
     recomposed = compose(config_name, overrides=[*kept, f"encoder={available}"])
     with open_dict(recomposed):
         recomposed.encoder.replaces = requested

@@ -54,7 +54,7 @@ def newest_checkpoint(folder: Path) -> Path | None:
     return None
 
 
-def save_weights(model: FaunaModel, path: Path, *, config: str, half: bool) -> None:
+def save_weights(model: FaunaModel, path: Path, *, config: str, species: list[str], half: bool) -> None:
     """Write the model (encoder excluded) as safetensors; metadata holds config, stage and versions."""
     state = {name: value for name, value in model.state_dict().items() if isinstance(value, torch.Tensor)}
     tensors = {
@@ -64,6 +64,7 @@ def save_weights(model: FaunaModel, path: Path, *, config: str, half: bool) -> N
     metadata = {
         "config": config,
         "stage": json.dumps(model.stage.state()),
+        "species": json.dumps(species),
         "fauna": fauna.__version__,
         "encoder": model.encoder.fingerprint,
     }
@@ -73,7 +74,7 @@ def save_weights(model: FaunaModel, path: Path, *, config: str, half: bool) -> N
 
 
 def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
-    """Tensors (float32) and metadata ``config`` (plain containers), ``stage``, ``encoder`` of a weight file or checkpoint.
+    """Tensors (float32) and metadata ``config`` (plain containers), ``stage``, ``encoder``, ``species`` of a weight file or checkpoint.
 
     Raises:
         FaunaError: when the file is missing or is neither.
@@ -89,6 +90,7 @@ def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
                 "config": OmegaConf.to_container(OmegaConf.create(raw["config"])),
                 "stage": Stage.from_state(json.loads(raw["stage"])),
                 "encoder": raw["encoder"],
+                "species": json.loads(raw["species"]),
             }
             return tensors, metadata
         state = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
@@ -98,6 +100,7 @@ def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
             "config": OmegaConf.to_container(OmegaConf.create(state["fauna"]["config"])),
             "stage": stage,
             "encoder": state["fauna"]["encoder"],
+            "species": list(state["fauna"]["species"]),
         }
     except (SafetensorError, KeyError, RuntimeError, EOFError, OSError, ValueError) as error:
         raise FaunaError(
@@ -114,6 +117,11 @@ def load_weights(model: FaunaModel, path: Path, components: list[str] | None = N
         FaunaError: when names or shapes do not fit, naming the first that does not.
     """
     tensors, metadata = read_weights(path)
+    if metadata["encoder"] != model.encoder.fingerprint:
+        raise FaunaError(
+            f"expected weights trained with encoder {model.encoder.fingerprint}, got {path} trained with "
+            f"{metadata['encoder']}; choose the encoder it was trained with"
+        )
     wanted = {name: v for name, v in model.state_dict().items() if isinstance(v, torch.Tensor)}
     if components is not None:
         unknown = [part for part in components if not any(name.startswith(f"{part}.") for name in tensors)]

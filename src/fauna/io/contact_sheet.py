@@ -66,7 +66,7 @@ def shape_view(
 
 
 def _row(model: FaunaModel, photo: Batch, cell: int) -> np.ndarray:
-    photo = photo.to(model.device)
+    photo = model.with_features(photo.to(model.device))
     out: Reconstruction = model(photo)
     renders = out.renders
     targets = model.feature_targets(photo)

@@ -66,14 +66,17 @@ def claim_folder(folder: Path, resume: Path | None) -> None:
     folder.mkdir(parents=True, exist_ok=True)
 
 
-def report_changes(resume: Path, config: str) -> list[str]:
-    """What differs between a checkpoint's configuration or environment and now; each line is logged as a warning."""
+def report_changes(resume: Path, config: str, photos: str, encoder: str) -> list[str]:
+    """What differs between a checkpoint's configuration, photos or environment and now; each line is logged as a warning."""
     state = torch.load(resume, map_location="cpu", weights_only=True, mmap=True)["fauna"]
     old, new = (_flat(OmegaConf.to_container(OmegaConf.create(text))) for text in (state["config"], config))
     lines = []
     for key in sorted(old.keys() | new.keys()):
         if old.get(key) != new.get(key) and not key.startswith(FREE_TO_CHANGE):
             lines.append(f"{key} was {old.get(key)!r} and is now {new.get(key)!r}")
+    for key, value in (("photos", photos), ("encoder", encoder)):
+        if state[key] != value:
+            lines.append(f"{key} were {state[key]} and are now {value}: the run learns from other batches than before")
     now = environment()
     for key, value in state["environment"].items():
         if now.get(key) != value:
