@@ -65,7 +65,7 @@ def logged(folder: Path) -> list[dict[str, float]]:
 
 
 def state(folder: Path, step: int) -> dict:
-    return torch.load(folder / "checkpoints" / f"step={step:07d}.ckpt", map_location="cpu", weights_only=True)
+    return torch.load(folder / "checkpoints" / f"step-{step:07d}.ckpt", map_location="cpu", weights_only=True)
 
 
 def assert_equal_bits(first, second, path: str = "") -> None:

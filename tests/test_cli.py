@@ -9,6 +9,7 @@ from hydra.core.global_hydra import GlobalHydra
 
 import fauna.eval
 import fauna.train
+from fauna.cli import run_cli
 from tests.runs import QUIET, command, composed, dataset, tiny
 
 SHORT = ("trainer.max_steps=2",)
@@ -63,6 +64,18 @@ def test_bad_input_in_a_process_of_its_own(tmp_path):
             ["data=fauna", "expects", "/nowhere/at/all", "data.root"],
         ),
         (["bank.num_slots="], ["bank.num_slots", "expected"]),
+        (["+foo=3"], ["foo", "expected a known key"]),
+        (["+schedule.weights.maks=3"], ["schedule.weights.maks", "mask"]),
+        (["camera.fov_deg=0"], ["camera.fov_deg", "from 1 to 170", "0"]),
+        (["optimizer.lr=nan"], ["optimizer.lr", "nan"]),
+        (["trainer.val_every=0"], ["trainer.val_every", ">= 1", "0"]),
+        (["+experiment=tiny", "trainer.devices=0"], ["trainer.devices", ">= 1", "0"]),
+        (["+experiment=tiny", "trainer.devices=abc"], ["trainer"]),
+        (["+experiment=tiny", "trainer.precision=bf16-mixed"], ["trainer.precision", "32-true", "bf16-mixed"]),
+        (["init_components=[bank]"], ["init_components", "init_from"]),
+        (["init_components=bank"], ["init_components", "'bank'"]),
+        (["resume=auto", "init_from=x"], ["resume", "init_from"]),
+        (["feature_lookup=faces"], ["feature_lookup", "vertices, pixels", "'faces'"]),
         (["bank.num_slots"], ["bank.num_slots"]),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
@@ -137,3 +150,10 @@ def test_quiet_overrides_name_callbacks():
     assert callbacks.preview is None
     assert callbacks.progress is None
     assert callbacks.checkpoints is not None
+
+
+def test_sweep_flag_may_stand_anywhere(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["fauna-train", "+experiment=tiny", "-m", "seed=0,1"])
+    seen: list[list[str]] = []
+    run_cli(lambda: seen.append(list(sys.argv)))
+    assert seen == [["fauna-train", "-m", "+experiment=tiny", "seed=0,1"]]

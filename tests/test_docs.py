@@ -126,7 +126,7 @@ def test_worked_example_trains(tmp_path, monkeypatch):
     from fauna.train import train
 
     train(cfg, tmp_path / "run")
-    state = torch.load(tmp_path / "run" / "checkpoints" / "step=0000002.ckpt", weights_only=True)["state_dict"]
+    state = torch.load(tmp_path / "run" / "checkpoints" / "step-0000002.ckpt", weights_only=True)["state_dict"]
     assert state["model.bank.values"].shape == (60, 64)
     bank = module.MeanBank(num_slots=5, value_dim=3, init=0.1)
     readout = bank(torch.zeros(2, 7), None)

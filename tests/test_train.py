@@ -15,6 +15,7 @@ import pytest
 import torch
 
 from fauna.errors import FaunaError
+from fauna.io.checkpoint import newest_checkpoint
 from tests.runs import (
     EVERY_STEP,
     assert_equal_bits,
@@ -143,12 +144,55 @@ def test_killed_run_resumes_to_the_same_bits(reference, tmp_path):
         assert_equal_bits(now[key], expected[key], key)
 
 
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_signals_end_with_a_message_and_the_usual_code(tmp_path, sent, code):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "fauna.train", *tiny("trainer.max_steps=3000"), f"out={tmp_path}"],
+        env=command_environment(),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while process.poll() is None and not list(tmp_path.glob("checkpoints/*.ckpt")):
+        time.sleep(0.01)
+    process.send_signal(sent)
+    last = process.communicate(timeout=60)[1].strip().splitlines()[-1]
+    assert process.returncode == code
+    assert "interrupted at step" in last
+    assert "resume=auto" in last
+
+
+def test_checkpoint_with_wrong_bytes_inside_is_noticed(reference, tmp_path, caplog):
+    (tmp_path / "checkpoints").mkdir()
+    for step in (24, 27):
+        name = f"checkpoints/step-{step:07d}.ckpt"
+        shutil.copy(reference / name, tmp_path / name)
+    damaged = tmp_path / "checkpoints/step-0000027.ckpt"
+    content = bytearray(damaged.read_bytes())
+    middle = len(content) // 2
+    content[middle : middle + 4096] = bytes(4096)
+    damaged.write_bytes(content)
+    with caplog.at_level(logging.WARNING, logger="fauna"):
+        assert newest_checkpoint(tmp_path / "checkpoints").name == "step-0000024.ckpt"
+    assert damaged.name in caplog.text
+
+
+def test_checkpoint_of_another_model_is_refused(reference, tmp_path):
+    other = reference / "checkpoints/step-0000024.ckpt"
+    with pytest.raises(FaunaError, match="resume: expected .*bank"):
+        run(tmp_path, *tiny(f'resume="{other}"', "bank.num_slots=7"))
+    text = tmp_path / "notes.txt"
+    text.write_text("no checkpoint")
+    with pytest.raises(FaunaError, match="resume: expected a checkpoint of fauna-train"):
+        run(tmp_path / "run", *tiny(f'resume="{text}"'))
+
+
 def test_damaged_newest_checkpoint_falls_back_to_the_one_before(reference, tmp_path, caplog):
     (tmp_path / "checkpoints").mkdir()
     for step in (20, 24, 27):
-        name = f"checkpoints/step={step:07d}.ckpt"
+        name = f"checkpoints/step-{step:07d}.ckpt"
         shutil.copy(reference / name, tmp_path / name)
-    damaged = tmp_path / "checkpoints/step=0000027.ckpt"
+    damaged = tmp_path / "checkpoints/step-0000027.ckpt"
     damaged.write_bytes(damaged.read_bytes()[:-2000])
     with caplog.at_level(logging.WARNING, logger="fauna"):
         run(tmp_path, *tiny("resume=auto", "trainer.max_steps=26", "schedule.lr_decay.stop=30"))
@@ -160,7 +204,7 @@ def test_damaged_newest_checkpoint_falls_back_to_the_one_before(reference, tmp_p
 
 def test_other_threads_and_settings_are_reported(reference, tmp_path, caplog):
     (tmp_path / "checkpoints").mkdir()
-    shutil.copy(reference / "checkpoints/step=0000024.ckpt", tmp_path / "checkpoints")
+    shutil.copy(reference / "checkpoints/step-0000024.ckpt", tmp_path / "checkpoints")
     try:
         with caplog.at_level(logging.WARNING, logger="fauna"):
             run(tmp_path, *tiny("resume=auto", "trainer.max_steps=25", "trainer.threads=2", "optimizer.lr=1e-5"))

@@ -16,6 +16,8 @@ def run_cli(function: Callable[[], None]) -> None:
     ``FAUNA_DEBUG=1`` shows the full traceback instead.
     """
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra then raises instead of printing and exiting
+    flags = [word for word in sys.argv[1:] if word in ("-m", "--multirun")]  # they may stand anywhere
+    sys.argv[1:] = flags[:1] + [word for word in sys.argv[1:] if word not in flags]
     try:
         function()
     except KeyboardInterrupt:
@@ -25,7 +27,7 @@ def run_cli(function: Callable[[], None]) -> None:
         if message is None or os.environ.get("FAUNA_DEBUG"):
             raise
         print(f"fauna: error: {message}", file=sys.stderr)
-        sys.exit(EXIT_BAD_INPUT)
+        sys.exit(getattr(error, "exit_code", EXIT_BAD_INPUT))
 
 
 def user_message(error: BaseException) -> str | None:
@@ -66,6 +68,8 @@ def _hydra_message(text: str) -> str:
 
 def _unknown_key(key: str) -> str:
     known = _known_keys()
+    if key in known:
+        return f"{key}: expected a key of this composition, got one that is switched off or belongs to another command"
     close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
     hint = f"did you mean {close[0]}?" if close else "see fauna-train --cfg job for all keys"
     return f"{key}: expected a known key, got an unknown one; {hint}"
@@ -81,7 +85,7 @@ def _known_keys() -> list[str]:
 
     GlobalHydra.instance().clear()
     with initialize_config_dir(str(CONF_DIR), version_base="1.3"):
-        cfg = compose("train")
+        cfg = compose("eval" if "eval" in os.path.basename(sys.argv[0]) else "train")
 
     def walk(node: DictConfig, prefix: str) -> list[str]:
         keys = []

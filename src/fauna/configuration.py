@@ -5,13 +5,22 @@ import difflib
 import inspect
 import types
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal, Union, get_args, get_origin
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from fauna.errors import FaunaError
+from fauna.limits import check_ranges
+from fauna.losses.objective import IMAGE_TERMS, TERMS
+
+ROOT_KEYS = (
+    *("encoder", "feature_space", "bank", "embedder", "viewpoint", "shape", "deformation", "rig", "articulation"),
+    *("appearance", "renderer", "discriminator", "losses", "optimizer", "schedule", "data", "trainer", "callbacks"),
+    *("logger", "name", "seed", "out", "resume", "init_from", "init_components", "camera", "feature_lookup"),
+)
+"""What ``conf/train.yaml`` holds: its groups and its own keys."""
 
 GIVEN_BY_CODE = ("encoder", "callbacks", "logger", "folder", "config", "schedule", "save_dir")
 """Constructor arguments that code passes in, or that are components; absent from YAML they are no error."""
@@ -34,14 +43,39 @@ def validate(cfg: DictConfig) -> None:
     _check_root(cfg)
     for path, node in _targets(cfg, ""):
         _check_node(path, node)
+    check_ranges(cfg)
 
 
 def _check_root(cfg: DictConfig) -> None:
-    rules = {"seed": int, "resume": str | None, "out": str, "name": str}
+    rules = {
+        "seed": int,
+        "resume": str | None,
+        "out": str,
+        "name": str,
+        "init_from": str | None,
+        "init_components": Sequence[str] | None,
+        "feature_lookup": Literal["vertices", "pixels"],
+    }
+    for key in cfg:
+        if key not in ROOT_KEYS:
+            close = difflib.get_close_matches(str(key), ROOT_KEYS, n=1)
+            hint = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(ROOT_KEYS)}"
+            raise FaunaError(f"{key}: expected a known key, got an unknown one; {hint}")
     for key, expected in rules.items():
         _check_value(key, _value(cfg, key, key), expected)
     if cfg.seed < 0:
         raise FaunaError(f"seed: expected a whole number >= 0, got {cfg.seed}; e.g. seed=0")
+    if cfg.init_components is not None and cfg.init_from is None:
+        raise FaunaError("init_components: expected init_from beside it, got none; add init_from=WEIGHTS")
+    if cfg.resume is not None and cfg.init_from is not None:
+        raise FaunaError("resume: expected either resume or init_from, got both; leave one of them out")
+    terms = {"weights": TERMS, "target_weights": IMAGE_TERMS}
+    for group, known in terms.items():
+        for name in cfg.schedule.get(group, {}):
+            if name not in known:
+                raise FaunaError(
+                    f"schedule.{group}.{name}: expected one of {', '.join(known)}, got {name!r}; mend the name"
+                )
 
 
 def _targets(node: Any, path: str) -> Iterator[tuple[str, DictConfig]]:

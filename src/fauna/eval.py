@@ -11,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 from fauna._conf import CONF_DIR
 from fauna.cli import run_cli
 from fauna.errors import FaunaError
+from fauna.limits import check_ranges
 
 
 def main() -> None:
@@ -41,6 +42,12 @@ def evaluate_weights(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     from fauna.io.contact_sheet import contact_sheet, save_png
     from fauna.io.run_folder import write_json
 
+    check_ranges(cfg)
+    if cfg.data.split not in (None, "train", "val", "test", "held_out"):
+        raise FaunaError(f"data.split: expected train, val, test or held_out, got {cfg.data.split!r}; choose one")
+    for key in ("max_photos", "pictures", "threads"):
+        if cfg[key] is not None and not isinstance(cfg[key], int):
+            raise FaunaError(f"{key}: expected a whole number, got {cfg[key]!r}; e.g. {key}=12")
     if cfg.threads is not None:
         torch.set_num_threads(cfg.threads)
     weights = Path(cfg.weights)

@@ -12,6 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from fauna._conf import CONF_DIR
 from fauna.cli import run_cli
+from fauna.errors import FaunaError, Interrupted
 
 if TYPE_CHECKING:
     from lightning import Trainer
@@ -52,7 +53,7 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
 
     from fauna.build import build_encoder, build_model, build_schedule, build_system, check_encoder
     from fauna.configuration import validate
-    from fauna.io.run_folder import claim_folder, report_changes, resume_path, write_json
+    from fauna.io.run_folder import check_fits, claim_folder, report_changes, resume_path, write_json
 
     validate(cfg)
     resume = resume_path(cfg.resume, folder)
@@ -70,13 +71,21 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     trainer = _make(cfg.trainer, {**given, "callbacks": callbacks, "logger": loggers})
     data.prepare(seed=cfg.seed, report=print)
     if resume is not None:
+        check_fits(resume, system.state_dict())
         report_changes(resume, config, data.photos_digest(), encoder.fingerprint)
     encoder.to(trainer.strategy.root_device)
     if resume is None:
         _start(cfg, system, data)
     baseline = _validate(trainer, system, data, schedule) if resume is None else None
     started = time.monotonic()
-    trainer.fit(system, datamodule=data, ckpt_path=None if resume is None else str(resume), weights_only=True)
+    try:
+        trainer.fit(system, datamodule=data, ckpt_path=None if resume is None else str(resume), weights_only=True)
+    except (SystemExit, KeyboardInterrupt) as stop:  # Lightning turns both signals into an exit of its own
+        terminated = bool(getattr(trainer, "received_sigterm", False))
+        raise Interrupted(
+            f"training was interrupted at step {trainer.global_step}; continue with resume=auto out={folder}",
+            143 if terminated else 130,
+        ) from stop
     result = {
         "steps": trainer.global_step,
         "fit_seconds": round(time.monotonic() - started, 1),
@@ -87,7 +96,7 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
         logger.finalize("success")
     if trainer.is_global_zero:
         write_json(result, folder / "result.json")
-        _say_where(folder, result)
+        _say_where(folder, result, data.split)
     return result
 
 
@@ -102,14 +111,25 @@ def _make(node: DictConfig, given: dict[str, Any]) -> Any:
 
 def _start(cfg: DictConfig, system: "FaunaSystem", data: "PhotoDataModule") -> None:
     """Weights to start from, and the feature space: theirs, or fitted on the training photos."""
-    from fauna.io.checkpoint import load_weights
+    from fauna.bank.category import CategoryBank
+    from fauna.io.checkpoint import load_weights, read_weights
 
     model = system.model
     if cfg.init_from is not None:
-        parts = None if cfg.init_components is None else sorted({*cfg.init_components, "feature_space"})
-        load_weights(model, Path(cfg.init_from), parts)
-    else:
-        model.feature_space.fit(data.feature_samples())
+        path = Path(cfg.init_from)
+        theirs = read_weights(path)[1]
+        same_encoder = theirs["encoder"] == model.encoder.fingerprint
+        if isinstance(model.bank, CategoryBank) and theirs["species"] != data.train_species:
+            raise FaunaError(
+                f"init_from: expected weights of the same species for bank=category, got {theirs['species']} instead of "
+                f"{data.train_species}; leave the bank out of init_components or use bank=semantic"
+            )
+        chosen = cfg.init_components
+        if chosen is None or same_encoder:
+            load_weights(model, path, None if chosen is None else sorted({*chosen, "feature_space"}))
+            return
+        load_weights(model, path, list(chosen))  # another encoder: its features need their own statistics
+    model.feature_space.fit(data.feature_samples())
 
 
 def _validate(
@@ -128,14 +148,15 @@ def _validate(
     return evaluate(system.model, objective, ((photo.category, data.single(photo)) for photo in photos))
 
 
-def _say_where(folder: Path, result: dict[str, Any]) -> None:
+def _say_where(folder: Path, result: dict[str, Any], split: str) -> None:
     print(f"run folder: {folder}")
     if (folder / "pictures").is_dir():
         print(f"pictures:   {folder / 'pictures'} (one contact sheet per stage)")
     print(f"weights:    {folder / 'weights.safetensors'}")
     for name in ("untrained", "trained"):
         if result[name]:
-            print(f"silhouette IoU on photos not trained on, {name}: {result[name]['iou']:.3f}")
+            photos = "training photos" if split == "train" else "photos not trained on"
+            print(f"silhouette IoU on {photos}, {name}: {result[name]['iou']:.3f}")
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 from lightning import Callback, Trainer
+from lightning.fabric.utilities.exceptions import MisconfigurationException
 
 from fauna.distributed import GradientAverageStrategy
 from fauna.errors import FaunaError
@@ -51,6 +52,10 @@ def build_trainer(
     if max_steps < 1:
         raise FaunaError(
             f"trainer.max_steps: expected a whole number >= 1, got {max_steps}; e.g. trainer.max_steps=3000"
+        )
+    if isinstance(devices, int) and devices < 1:
+        raise FaunaError(
+            f"trainer.devices: expected a whole number >= 1, auto or a list, got {devices}; e.g. trainer.devices=1"
         )
     if precision != "32-true":
         raise FaunaError(
@@ -98,7 +103,7 @@ def build_trainer(
             callbacks=list(callbacks),
             logger=list(logger),
         )
-    except (ValueError, RuntimeError) as error:
+    except (ValueError, RuntimeError, TypeError, ImportError, MisconfigurationException) as error:
         reason = str(error).splitlines()[0]
         raise FaunaError(
             f"trainer: expected settings this machine can run, got {reason}; try trainer.accelerator=cpu"

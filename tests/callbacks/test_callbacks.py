@@ -105,16 +105,16 @@ def run_steps(callback, steps) -> None:
 def test_checkpoints_come_every_few_steps_and_the_newest_are_kept(tmp_path):
     run_steps(checkpoints(tmp_path), range(1, 15))
     assert sorted(file.name for file in (tmp_path / "checkpoints").iterdir()) == [
-        "step=0000008.ckpt",
-        "step=0000012.ckpt",
+        "step-0000008.ckpt",
+        "step-0000012.ckpt",
     ]
     run_steps(checkpoints(tmp_path, every_steps=1000), [30])
-    assert (tmp_path / "checkpoints" / "step=0000030.ckpt").is_file()
+    assert (tmp_path / "checkpoints" / "step-0000030.ckpt").is_file()
 
 
 def test_checkpoint_also_comes_when_time_has_passed(tmp_path):
     run_steps(checkpoints(tmp_path, every_steps=1000, every_minutes=0.0), [3])
-    assert [file.name for file in (tmp_path / "checkpoints").iterdir()] == ["step=0000003.ckpt"]
+    assert [file.name for file in (tmp_path / "checkpoints").iterdir()] == ["step-0000003.ckpt"]
 
 
 def test_pictures_close_every_stage(tmp_path, monkeypatch, schedule):

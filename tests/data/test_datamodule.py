@@ -5,6 +5,7 @@ from dataclasses import fields
 import pytest
 import torch
 
+from fauna.bank.category import CategoryBank
 from fauna.build import build_encoder
 from fauna.configuration import validate
 from fauna.data.datamodule import PhotoDataModule
@@ -103,6 +104,20 @@ def test_held_out_species_are_never_trained_on():
     assert {batch.category for step in steps(module) for batch in step} == {0}
     assert {photo.category for photo in module.photos("held_out")} == {"round"}
     assert module.single(module.photos("held_out")[0]).category is None
+
+
+def test_category_indices_are_those_of_the_weights():
+    module = data()
+    first, second = module.train_species
+    photos = {photo.category: photo for photo in module.photos("train")}
+    assert (module.single(photos[first]).category, module.single(photos[second]).category) == (0, 1)
+    module.number_species([second, "unicorn"])
+    assert module.single(photos[second]).category == 0
+    unknown = module.single(photos[first])
+    assert unknown.category is None
+    bank = CategoryBank(num_categories=2, value_dim=3, init=0.1)
+    with pytest.raises(FaunaError, match="bank=category"):
+        bank(torch.zeros(1, 4), unknown.category)
 
 
 @pytest.mark.parametrize("key", ["batch_size", "accumulate", "fit_photos"])

@@ -58,7 +58,7 @@ def test_round_trip(tmp_path, half):
 
 def test_checkpoint_and_weight_file_of_a_run_agree(reference):
     exact, rounded = model_of(), model_of()
-    load_weights(exact, reference / "checkpoints/step=0000030.ckpt")
+    load_weights(exact, reference / "checkpoints/step-0000030.ckpt")
     load_weights(rounded, reference / "weights.safetensors")
     assert exact.stage == rounded.stage
     assert exact.stage.deformation
@@ -120,7 +120,7 @@ def test_unknown_parts_are_named(reference, tmp_path):
         run(tmp_path, *tiny(f"init_from={reference / 'weights.safetensors'}", "init_components=[legs]"))
 
 
-@pytest.mark.parametrize("name", ["checkpoints/step=0000030.ckpt", "weights.safetensors"])
+@pytest.mark.parametrize("name", ["checkpoints/step-0000030.ckpt", "weights.safetensors"])
 def test_evaluation_repeats_the_trainings_last_validation(reference, tmp_path, monkeypatch, name):
     arguments = [f"weights='{reference / name}'", f"out={tmp_path}/eval", "pictures=2"]
     monkeypatch.setattr(sys, "argv", ["fauna-eval", *arguments])

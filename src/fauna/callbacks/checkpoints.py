@@ -12,7 +12,7 @@ from fauna.system import FaunaSystem
 
 
 class Checkpoints(Callback):
-    """Writes ``checkpoints/step=<step>.ckpt`` and, at the end, ``weights.safetensors``.
+    """Writes ``checkpoints/step-<step>.ckpt`` and, at the end, ``weights.safetensors``.
 
     Args:
         folder: of the run.
@@ -69,7 +69,7 @@ class Checkpoints(Callback):
     def _write(self, trainer: Trainer) -> None:
         folder = self.folder / "checkpoints"
         folder.mkdir(parents=True, exist_ok=True)
-        save_checkpoint(trainer, folder / f"step={trainer.global_step:07d}.ckpt")
+        save_checkpoint(trainer, folder / f"step-{trainer.global_step:07d}.ckpt")
         if trainer.is_global_zero:
             for old in checkpoints(folder)[self.keep :]:
                 old.unlink()

@@ -12,7 +12,7 @@ from fauna.types import Batch
 
 
 class RenderPreview(Callback):
-    """Writes ``pictures/step=<step>.png``: before training, before every stage boundary, every few steps, at the end.
+    """Writes ``pictures/step-<step>.png``: before training, before every stage boundary, every few steps, at the end.
 
     The photos are the same each time: the data module's ``preview_photos``, validation photos chosen by the seed.
 
@@ -59,4 +59,4 @@ class RenderPreview(Callback):
         if not self._photos:
             self._photos = trainer.datamodule.preview_photos(self.num_photos)  # type: ignore[attr-defined]
         sheet = contact_sheet(pl_module.model, self._photos, self.cell)
-        save_png(sheet, self.folder / "pictures" / f"step={trainer.global_step:07d}.png")
+        save_png(sheet, self.folder / "pictures" / f"step-{trainer.global_step:07d}.png")

@@ -26,6 +26,7 @@ from fauna.random import derive_seed
 from fauna.types import Batch, Features
 
 Split = Literal["train", "val", "test", "held_out"]
+LISTS = ("train", "val", "test", "back_views")  # of CategoryPhotos
 
 
 class PhotoDataModule(LightningDataModule):
@@ -127,7 +128,7 @@ class PhotoDataModule(LightningDataModule):
         )
         listed = self.source.categories()
         if self.on_bad == "skip":
-            listed = {name: self._screened(photos) for name, photos in listed.items()}
+            listed = self._screened(listed)
         val, test = self.sizes
         self.by_category = complete_splits(
             listed, path=path, seed=self.split_seed, val=val, test=test, held_out=self.held_out
@@ -137,6 +138,9 @@ class PhotoDataModule(LightningDataModule):
         counts = {name: len(self.photos(name)) for name in ("train", "val", "test", "held_out")}
         described = ", ".join(f"{count} {name}" for name, count in counts.items())
         report(f"{self.source.identity}: {len(self.train_species)} training species; photos: {described}")
+        empty = sorted(set(self.by_category) - set(self.train_species) - set(self.held_out))
+        if empty:
+            report(f"species without usable training photos, left out: {', '.join(empty)}")
 
     @property
     def train_species(self) -> list[str]:
@@ -232,16 +236,18 @@ class PhotoDataModule(LightningDataModule):
         entries = pool.train + pool.back_views
         return self.loader.batch([entries[place] for place in plan.photos], plan.flips, plan.category)
 
-    def _screened(self, photos: CategoryPhotos) -> CategoryPhotos:
-        kept = {}
-        for name in ("train", "val", "test", "back_views"):
-            kept[name] = screen_photos(
-                getattr(photos, name),
-                size=self.loader.image_size,
-                valid_margin=self.loader.valid_margin,
-                on_bad=self.on_bad,
-            ).photos
-        return replace(photos, **kept)
+    def _screened(self, listed: dict[str, CategoryPhotos]) -> dict[str, CategoryPhotos]:
+        """All photos of all species read once; bad ones are left out, with one warning that names and counts them."""
+        everything = [photo for each in listed.values() for name in LISTS for photo in getattr(each, name)]
+        loader = self.loader
+        checked = screen_photos(
+            everything, size=loader.image_size, valid_margin=loader.valid_margin, on_bad=self.on_bad
+        )
+        good = set(checked.photos)
+        return {
+            species: replace(each, **{name: tuple(p for p in getattr(each, name) if p in good) for name in LISTS})
+            for species, each in listed.items()
+        }
 
 
 class _Lookup(Dataset):

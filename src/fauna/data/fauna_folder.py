@@ -6,6 +6,7 @@ Flat: ``root/<category>/{train,val,test}/<stem>_rgb.jpg`` with ``_mask.png`` and
 """
 
 import re
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -61,9 +62,10 @@ def read_fauna_folder(root: Path, *, photograph_pattern: str) -> dict[str, Categ
     pattern = re.compile(photograph_pattern)
     published = any((root / name).is_dir() for name in (LARGE_SCALE, *FEW_SHOT))
     categories = _read_published(root, pattern) if published else _read_flat(root, pattern)
-    categories = {
-        name: photos for name, photos in sorted(categories.items()) if photos.train or photos.val or photos.test
-    }
+    empty = sorted(name for name, photos in categories.items() if not (photos.train or photos.val or photos.test))
+    if empty:
+        warnings.warn(f"folders of {root} without a photo, left out: {', '.join(empty)}", UserWarning, stacklevel=2)
+    categories = {name: photos for name, photos in sorted(categories.items()) if name not in empty}
     if not categories:
         raise FaunaError(
             f"data=fauna expects {root}/<category>/train/<name>_rgb.jpg (or .png) with <name>_mask.png, got no such file; "
@@ -118,7 +120,7 @@ def _read_photos(folder: Path, split: str, category: str, pattern: re.Pattern[st
     base = folder / split
     for image in sorted(base.rglob("*")) if base.is_dir() else []:
         match = IMAGE_NAME.match(image.name)
-        if match is None:
+        if match is None or image.name.startswith("._"):  # the latter are remains of macOS archives
             continue
         stem = match["stem"] or ""
         prefix = f"{stem}_" if stem else ""

@@ -228,7 +228,7 @@ def _decode(path: Path, mode: str | None) -> np.ndarray:
     """Pixels of an image file as an array, converted to ``mode`` if given."""
     try:
         with Image.open(path) as picture:
-            if mode is None and picture.mode == "P":
+            if mode is None and picture.mode in ("P", "1"):
                 mode = "L"
             return np.array(picture.convert(mode) if mode else picture)
     except FileNotFoundError as error:

@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ def save_checkpoint(trainer: Trainer, path: Path) -> None:
 
 def checkpoints(folder: Path) -> list[Path]:
     """Checkpoints of a run, newest step first."""
-    return sorted(folder.glob("step=*.ckpt"), reverse=True)
+    return sorted(folder.glob("step-*.ckpt"), reverse=True)
 
 
 def newest_checkpoint(folder: Path) -> Path | None:
@@ -45,6 +46,10 @@ def newest_checkpoint(folder: Path) -> Path | None:
     for path in found:
         try:
             torch.load(path, map_location="cpu", weights_only=True, mmap=True)
+            with zipfile.ZipFile(path) as archive:  # torch does not look at the checksums
+                damaged = archive.testzip()
+            if damaged is not None:
+                raise ValueError(f"wrong checksum of {damaged}")
         except Exception as error:  # a torn file raises anything from EOFError to UnpicklingError
             log.warning("checkpoint %s is damaged (%s); falling back to the one before", path, type(error).__name__)
         else:
@@ -117,7 +122,7 @@ def load_weights(model: FaunaModel, path: Path, components: list[str] | None = N
         FaunaError: when names or shapes do not fit, naming the first that does not.
     """
     tensors, metadata = read_weights(path)
-    if metadata["encoder"] != model.encoder.fingerprint:
+    if metadata["encoder"] != model.encoder.fingerprint and (components is None or "feature_space" in components):
         raise FaunaError(
             f"expected weights trained with encoder {model.encoder.fingerprint}, got {path} trained with "
             f"{metadata['encoder']}; choose the encoder it was trained with"
@@ -127,7 +132,7 @@ def load_weights(model: FaunaModel, path: Path, components: list[str] | None = N
         unknown = [part for part in components if not any(name.startswith(f"{part}.") for name in tensors)]
         if unknown:
             have = sorted({name.split(".")[0] for name in tensors})
-            raise FaunaError(f"init_from.components expected parts among {have}, got {unknown}; correct the list")
+            raise FaunaError(f"init_components: expected parts among {have}, got {unknown}; correct the list")
         keep = tuple(f"{part}." for part in components)
         wanted = {name: value for name, value in wanted.items() if name.startswith(keep)}
         tensors = {name: value for name, value in tensors.items() if name.startswith(keep)}

@@ -2,6 +2,7 @@
 
 import json
 import logging
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,36 @@ def resume_path(resume: str | None, folder: Path) -> Path | None:
     if not path.is_file():
         raise FaunaError(f"resume: expected auto or a checkpoint, got {resume}, which does not exist; check the path")
     return path
+
+
+def check_fits(resume: Path, wanted: Mapping[str, Any]) -> None:
+    """Refuse a checkpoint that is not one of this model, before anything is loaded from it.
+
+    Args:
+        resume: the checkpoint.
+        wanted: state dict of the system to be trained.
+
+    Raises:
+        FaunaError: naming what does not fit.
+    """
+    try:
+        state = torch.load(resume, map_location="cpu", weights_only=True, mmap=True)
+        have, _ = state["state_dict"], state["fauna"]["config"]
+    except Exception as error:  # a file of another kind raises anything
+        raise FaunaError(
+            f"resume: expected a checkpoint of fauna-train, got {resume} ({type(error).__name__}); choose one of a run's "
+            "checkpoints folder (weights are loaded with init_from)"
+        ) from error
+    for name in sorted(wanted.keys() ^ have.keys()):
+        raise FaunaError(
+            f"resume: expected a checkpoint of this model, got {resume} that differs in {name}; compose the same run"
+        )
+    for name, value in wanted.items():
+        if isinstance(value, torch.Tensor) and value.shape != have[name].shape:
+            raise FaunaError(
+                f"resume: expected {name} of shape {tuple(value.shape)}, got {tuple(have[name].shape)} in {resume}; "
+                "compose the same run"
+            )
 
 
 def claim_folder(folder: Path, resume: Path | None) -> None:
