@@ -136,7 +136,10 @@ class FaunaSystem(LightningModule):
         groups = [{"params": prior, "lr": options.prior_lr}, {"params": rest, "lr": options.lr}]
         optimizers: list[torch.optim.Optimizer] = [
             torch.optim.Adam(
-                [group for group in groups if group["params"]], betas=tuple(options.betas), eps=options.eps, fused=True
+                [group for group in groups if group["params"]],
+                betas=(options.betas[0], options.betas[1]),
+                eps=options.eps,
+                fused=True,
             )
         ]
         adversary = list(self.adversary.parameters()) or [torch.nn.Parameter(torch.zeros(()))]
@@ -144,7 +147,7 @@ class FaunaSystem(LightningModule):
             torch.optim.Adam(
                 adversary,
                 lr=options.discriminator_lr,
-                betas=tuple(options.discriminator_betas),
+                betas=(options.discriminator_betas[0], options.discriminator_betas[1]),
                 eps=options.discriminator_eps,
                 fused=True,
             )
