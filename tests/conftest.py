@@ -2,9 +2,10 @@ import os
 from pathlib import Path
 
 import pytest
-import torch
 
-torch.set_num_threads(1)
+from fauna.threads import set_threads
+
+set_threads(1)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -21,6 +21,7 @@ from fauna.configuration import validate
 from fauna.data.fauna_folder import read_fauna_folder
 from fauna.data.photo_loader import FEATURE_MAP_CHANNELS, PhotoLoader
 from fauna.encoder.tiny import TinyEncoder
+from fauna.threads import set_threads
 from tests.runs import composed, run
 
 ROOT = Path(__file__).parents[1]
@@ -46,7 +47,7 @@ def deterministic_flags() -> Iterator[None]:
     yield
     torch.use_deterministic_algorithms(before[0])
     torch.utils.deterministic.fill_uninitialized_memory = before[1]
-    torch.set_num_threads(1)
+    set_threads(1)
 
 
 # --- documents ---------------------------------------------------------------------------------------------------

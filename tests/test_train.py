@@ -16,6 +16,7 @@ import torch
 
 from fauna.errors import FaunaError
 from fauna.io.checkpoint import newest_checkpoint
+from fauna.threads import set_threads
 from tests.runs import (
     EVERY_STEP,
     assert_equal_bits,
@@ -209,7 +210,7 @@ def test_other_threads_and_settings_are_reported(reference, tmp_path, caplog):
         with caplog.at_level(logging.WARNING, logger="fauna"):
             run(tmp_path, *tiny("resume=auto", "trainer.max_steps=25", "trainer.threads=2", "optimizer.lr=1e-5"))
     finally:
-        torch.set_num_threads(1)
+        set_threads(1)
     text = "\n".join(record.getMessage() for record in caplog.records)
     assert "threads was 1 and is now 2" in text
     assert "optimizer.lr was 0.001 and is now 1e-05" in text

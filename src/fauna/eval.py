@@ -33,7 +33,6 @@ def evaluate_weights(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     Raises:
         FaunaError: when weights or dataset cannot be used.
     """
-    import torch
     from hydra.utils import instantiate
 
     from fauna.build import build_encoder, build_model
@@ -41,6 +40,7 @@ def evaluate_weights(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     from fauna.io.checkpoint import load_weights, read_weights
     from fauna.io.contact_sheet import contact_sheet, save_png
     from fauna.io.run_folder import write_json
+    from fauna.threads import set_threads
 
     check_ranges(cfg)
     if cfg.data.split not in (None, "train", "val", "test", "held_out"):
@@ -48,8 +48,7 @@ def evaluate_weights(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     for key in ("max_photos", "pictures", "threads"):
         if cfg[key] is not None and not isinstance(cfg[key], int):
             raise FaunaError(f"{key}: expected a whole number, got {cfg[key]!r}; e.g. {key}=12")
-    if cfg.threads is not None:
-        torch.set_num_threads(cfg.threads)
+    set_threads(cfg.threads)
     weights = Path(cfg.weights)
     stored = DictConfig(read_weights(weights)[1]["config"])
     stored.data = _dataset(stored.data, cfg.data)

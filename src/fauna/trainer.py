@@ -11,6 +11,7 @@ from lightning.fabric.utilities.exceptions import MisconfigurationException
 
 from fauna.distributed import GradientAverageStrategy
 from fauna.errors import FaunaError
+from fauna.threads import set_threads
 
 
 def build_trainer(
@@ -37,7 +38,7 @@ def build_trainer(
         devices: number or list of devices per node.
         num_nodes: machines, started by torchrun or Slurm.
         precision: ``32-true``.
-        threads: CPU threads of torch, ``None`` = its own choice; a resumed run equals an uninterrupted one at equal threads.
+        threads: CPU threads of torch and numba, ``None`` = torch's own choice; a resumed run equals an uninterrupted one at equal threads.
         deterministic: refuse operations without a deterministic implementation (warn only on a GPU).
         val_every: steps between two validations.
         val_photos: photos of one validation.
@@ -68,8 +69,7 @@ def build_trainer(
         )
     if accelerator == "auto" and not torch.cuda.is_available():
         accelerator = "cpu"
-    if threads is not None:
-        torch.set_num_threads(threads)
+    set_threads(threads)
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # costs a pass over every new tensor; nothing reads them
     for noise in (
         ".*does not have many workers.*",

@@ -122,7 +122,7 @@ def test_category_indices_are_those_of_the_weights():
 
 @pytest.mark.parametrize("key", ["batch_size", "accumulate", "fit_photos"])
 def test_impossible_numbers_name_their_key(key):
-    with pytest.raises(Exception, match=rf"data.{key}: expected a whole number >= 1, got 0") as caught:
+    with pytest.raises(Exception, match=rf"data.{key}: expected a number >= 1, got 0") as caught:
         data(f"data.{key}=0")
     assert isinstance(caught.value, FaunaError) or isinstance(caught.value.__cause__, FaunaError)
 

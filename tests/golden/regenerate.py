@@ -8,13 +8,12 @@ Run it from the checkout, with one thread, after a change that is meant to chang
 import json
 from pathlib import Path
 
-import torch
-
+from fauna.threads import set_threads
 from tests.runs import logged, reference_run
 
 
 def main() -> None:
-    torch.set_num_threads(1)
+    set_threads(1)
     rows = [
         {name: float(f"{value:.6g}") for name, value in sorted(row.items()) if name.startswith("loss/")}
         for row in logged(reference_run())

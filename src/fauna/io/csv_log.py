@@ -51,7 +51,7 @@ class CsvLog(Logger):
             csv.DictWriter(handle, self._columns).writerow(row)
 
     def _rows(self, before: int | None) -> list[dict[str, Any]]:
-        """What is in the file; of another session only the steps before the first one of this session."""
+        """What is in the file; of an earlier part of the run only the steps before the first one of this part."""
         if not self.path.is_file():
             return []
         with self.path.open(newline="", encoding="utf-8") as handle:
