@@ -36,7 +36,7 @@ def evaluate_weights(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     from hydra.utils import instantiate
 
     from fauna.build import build_encoder, build_model
-    from fauna.evaluation import evaluate
+    from fauna.evaluation.summary import evaluate
     from fauna.io.checkpoint import load_weights, read_weights
     from fauna.io.contact_sheet import contact_sheet, save_png
     from fauna.io.run_folder import write_json

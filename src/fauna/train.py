@@ -136,7 +136,7 @@ def _validate(
     trainer: "Trainer", system: "FaunaSystem", data: "PhotoDataModule", schedule: "Schedule | None"
 ) -> dict[str, Any] | None:
     """Metrics on the validation split, per species; not for runs too short to be validated."""
-    from fauna.evaluation import evaluate
+    from fauna.evaluation.summary import evaluate
 
     if trainer.max_steps < trainer.val_check_interval or not trainer.is_global_zero:
         return None

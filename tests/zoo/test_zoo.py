@@ -5,10 +5,11 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from fauna.data.crop_window import crop_window
 from fauna.errors import FaunaError
 from fauna.kernels.zoo_raster import rasterise
 from fauna.zoo import HELD_OUT, SPECIES, Zoo, ZooSample
-from fauna.zoo.view import crop_window, project, sample_azimuth_deg
+from fauna.zoo.view import project, sample_azimuth_deg
 
 SIZE = 96
 

@@ -16,6 +16,7 @@ from PIL import Image
 from torch import Tensor
 
 from fauna.data.crop_box import CropBox, read_box, valid_mask
+from fauna.data.truth import Truth3D
 from fauna.errors import FaunaError
 
 MASK_THRESHOLD = 127  # 8-bit mask values above it are foreground; robust to JPEG masks
@@ -48,6 +49,10 @@ class PhotoSource(ABC):
     @abstractmethod
     def content_key(self) -> str:
         """Hexadecimal digest that changes whenever the picture changes; the feature cache's key."""
+
+    def truth(self) -> Truth3D | None:
+        """Geometry behind the crop, where it is known."""
+        return None
 
 
 @dataclass(frozen=True)

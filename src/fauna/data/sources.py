@@ -28,6 +28,11 @@ class PhotoCollection(ABC):
     def identity(self) -> str:
         """Names the dataset, e.g. in the default place of its split file."""
 
+    @property
+    def keypoint_names(self) -> tuple[str, ...] | None:
+        """Names of the keypoints that ``RawPhoto.keypoints`` and ``Truth3D.keypoints`` list, ``None`` without keypoints."""
+        return None
+
 
 class FaunaFolder(PhotoCollection):
     """Crops stored as files.

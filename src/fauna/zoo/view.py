@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from fauna.data.crop_window import crop_window
 from fauna.kernels.zoo_raster import rasterise
 from fauna.zoo.products import dot
 
@@ -41,28 +42,6 @@ def project(
 ) -> Float[np.ndarray, "point 4"]:
     """Homogeneous clip positions."""
     return dot(points, clip_from_world[:, :3].T) + clip_from_world[:, 3]
-
-
-def crop_window(
-    area: float, centroid: tuple[float, float], bounds: tuple[float, float, float, float]
-) -> tuple[int, int, int]:
-    """Square window of side ``2 sqrt(area)`` about the centroid; where it would cut the animal, the smallest that does not, x 1.04.
-
-    Args:
-        area: of the mask, pixels.
-        centroid: (x, y) mean pixel coordinates of the mask.
-        bounds: (left, top, right, bottom) of the mask.
-
-    Returns:
-        Left, top and side in whole pixels; the window may exceed the photo.
-    """
-    side = 2.0 * np.sqrt(area)
-    (x, y), (left, top, right, bottom) = centroid, bounds
-    needed = 2.0 * max(x - left, right - x, y - top, bottom - y)
-    if needed > side:
-        side = 1.04 * needed
-    whole = int(np.ceil(side))
-    return int(np.floor(x - 0.5 * whole)), int(np.floor(y - 0.5 * whole)), whole
 
 
 def sample_azimuth_deg(rng: np.random.Generator) -> float:

@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from fauna import evaluation
-from fauna.evaluation import evaluate
+from fauna.evaluation import summary as evaluation
+from fauna.evaluation.summary import evaluate
 
 
 class FakeModel(torch.nn.Module):
