@@ -1,5 +1,7 @@
 """Means over photos, then over species."""
 
+import inspect
+
 import pytest
 import torch
 
@@ -56,7 +58,7 @@ def test_overall_is_the_mean_over_species_not_over_photos(monkeypatch):
         ("dog", FakePhoto(0.6, 5.0)),
     ]
     model = FakeModel().train()
-    report = evaluate.__wrapped__(model, evaluation.fake_objective, iter(photos))
+    report = inspect.unwrap(evaluate)(model, evaluation.fake_objective, iter(photos))
     assert report["species"]["dog"]["iou"] == pytest.approx(0.4)
     assert report["species"]["dog"]["losses"] == {"mask": pytest.approx(3.0)}
     assert report["species"]["dog"]["num_photos"] == 3
@@ -68,4 +70,4 @@ def test_overall_is_the_mean_over_species_not_over_photos(monkeypatch):
 
 
 def test_no_photos_give_no_report():
-    assert evaluate.__wrapped__(FakeModel(), evaluation.fake_objective, iter(())) is None
+    assert inspect.unwrap(evaluate)(FakeModel(), evaluation.fake_objective, iter(())) is None
