@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from fauna.networks import MLP, CoordMLP, HarmonicEmbedding, modulated_weight
+from fauna.networks import MLP, CoordMLP, HarmonicEmbedding, modulated_weight, take_groups
 
 
 def test_embedding_by_hand():
@@ -31,7 +31,7 @@ def test_mlp_has_no_bias_and_counts_its_layers():
     torch.testing.assert_close(mlp(2 * x), 2 * mlp(x))
 
 
-def coord_mlp(condition_dim, num_layers=3):
+def coord_mlp(condition_dim, num_layers=3, precision="float32"):
     torch.manual_seed(0)
     return CoordMLP(
         num_octaves=2,
@@ -40,6 +40,7 @@ def coord_mlp(condition_dim, num_layers=3):
         out_dim=3,
         num_layers=num_layers,
         hidden_dim=16,
+        precision=precision,
     ).double()
 
 
@@ -50,6 +51,32 @@ def test_split_first_layer_equals_concatenation(num_layers):
     group = torch.tensor([0, 3, 3, 1, 2, 0, 1, 1, 3])
     hidden = torch.cat((field.in_layer(field.embedding(points)), condition[group]), dim=1).relu()
     torch.testing.assert_close(field(points, condition, group), field.mlp(hidden))
+
+
+def test_grid_is_the_field_of_every_condition_at_the_same_points():
+    field = coord_mlp(6)
+    points, condition = torch.randn(9, 3).double(), torch.randn(4, 6).double()
+    expected = [field(points, row[None]) for row in condition]
+    torch.testing.assert_close(field.grid(points, condition), torch.stack(expected))
+
+
+def test_take_groups_is_indexing_and_so_is_its_gradient():
+    values = torch.randn(4, 6).double().requires_grad_()
+    group = torch.tensor([0, 3, 3, 1, 2, 0, 1, 1, 3])
+    assert torch.equal(take_groups(values, group), values[group])
+    assert torch.autograd.gradcheck(lambda v: take_groups(v, group), values)
+
+
+def test_reduced_precision_changes_little_and_keeps_types():
+    exact, reduced = coord_mlp(6).float(), coord_mlp(6, precision="bfloat16").float()
+    points, condition = torch.randn(200, 3), torch.randn(4, 6)
+    group = torch.arange(200) % 4
+    expected, found = exact(points, condition, group), reduced(points, condition, group)
+    assert found.dtype == torch.float32
+    error = ((found - expected).norm() / expected.norm()).item()
+    assert 1e-5 < error < 2e-2  # it is reduced, but not by more than eight bits of mantissa explain
+    found.sum().backward()
+    assert all(parameter.grad.dtype == torch.float32 for parameter in reduced.parameters())
 
 
 def test_single_condition_needs_no_group():

@@ -5,6 +5,8 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from fauna.precision import Precision, matmul_precision
+
 
 class HarmonicEmbedding(nn.Module):
     """Raw coordinates followed by their sines and cosines at doubling frequencies.
@@ -80,6 +82,7 @@ class CoordMLP(nn.Module):
         out_dim: output width.
         num_layers: linear layers behind the input layer, at least 1.
         hidden_dim: width of the hidden layers.
+        precision: of the matrix products; coordinates, their embedding, parameters and the result are not affected.
     """
 
     def __init__(
@@ -92,10 +95,12 @@ class CoordMLP(nn.Module):
         out_dim: int,
         num_layers: int,
         hidden_dim: int,
+        precision: Precision,
     ) -> None:
         super().__init__()
         self.hidden_dim = hidden_dim
         self.condition_dim = condition_dim
+        self.precision: Precision = precision
         self.embedding = HarmonicEmbedding(num_octaves=num_octaves, base_frequency=base_frequency)
         self.in_layer = nn.Linear(self.embedding.out_dim(in_dim), hidden_dim)
         self.mlp = MLP(in_dim=hidden_dim + condition_dim, out_dim=out_dim, num_layers=num_layers, hidden_dim=hidden_dim)
@@ -118,14 +123,40 @@ class CoordMLP(nn.Module):
         """
         if (condition is not None) != (self.condition_dim > 0):
             raise ValueError(f"condition must be given exactly when condition_dim > 0, here {self.condition_dim}")
-        weight = self.mlp.weights[0]
-        hidden = F.linear(F.relu(self.in_layer(self.embedding(points))), weight[:, : self.hidden_dim])
-        if condition is not None:
-            shared = F.linear(F.relu(condition), weight[:, self.hidden_dim :])
-            if group is None and shared.shape[0] != 1:
-                raise ValueError(f"group is required with {shared.shape[0]} conditions")
-            hidden = hidden + (shared if group is None else shared.index_select(0, group))
-        return self.mlp.after_first(hidden)
+        if condition is not None and group is None and condition.shape[0] != 1:
+            raise ValueError(f"group is required with {condition.shape[0]} conditions")
+        embedded = self.embedding(points)
+        with matmul_precision(self.precision, points.device):
+            hidden = self._coordinate_part(embedded)
+            if condition is not None:
+                shared = self._condition_part(condition)
+                hidden = hidden + (shared if group is None else take_groups(shared, group))
+            return self.mlp.after_first(hidden).to(points.dtype)
+
+    def grid(
+        self, points: Float[Tensor, "point coord"], condition: Float[Tensor, "group condition_dim"]
+    ) -> Float[Tensor, "group point out_dim"]:
+        """Evaluate the field of every condition at the same points, whose embedding and input layer are shared."""
+        embedded = self.embedding(points)
+        with matmul_precision(self.precision, points.device):
+            hidden = self._coordinate_part(embedded) + self._condition_part(condition)[:, None]
+            return self.mlp.after_first(hidden).to(points.dtype)
+
+    def _coordinate_part(self, embedded: Tensor) -> Tensor:
+        return F.linear(F.relu(self.in_layer(embedded)), self.mlp.weights[0][:, : self.hidden_dim])
+
+    def _condition_part(self, condition: Tensor) -> Tensor:
+        return F.linear(F.relu(condition), self.mlp.weights[0][:, self.hidden_dim :])
+
+
+def take_groups(values: Float[Tensor, "group chan"], group: Int[Tensor, " point"]) -> Float[Tensor, "point chan"]:
+    """``values[group]`` for few groups and many points, as a product with 0 and 1.
+
+    Its gradient is one more product: several times faster than adding rows one by one, deterministic on every device,
+    and exact in the forward direction.
+    """
+    chosen = group[:, None] == torch.arange(values.shape[0], device=group.device)
+    return chosen.to(values.dtype) @ values
 
 
 def modulated_weight(

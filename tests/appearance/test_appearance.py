@@ -8,7 +8,7 @@ from fauna.appearance.lighting import LightNetwork
 
 def appearance(symmetric: bool = True) -> Appearance:
     torch.manual_seed(0)
-    common = {"num_octaves": 3, "base_frequency": 0.8, "num_layers": 3, "hidden_dim": 16}
+    common = {"num_octaves": 3, "base_frequency": 0.8, "num_layers": 3, "hidden_dim": 16, "precision": "float32"}
     return Appearance(
         albedo_field=AlbedoField(texture_dim=5, **common),
         feature_field=FeatureField(code_dim=6, out_dim=4, symmetric=symmetric, **common),

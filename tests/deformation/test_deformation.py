@@ -14,6 +14,7 @@ def field(mirror_x: bool, hidden_dim: int = 16, geometry_dim: int = 5, num_octav
         base_frequency=0.8,
         num_layers=3,
         hidden_dim=hidden_dim,
+        precision="float32",
         offset_scale=0.1,
         mirror_x=mirror_x,
     )

@@ -5,6 +5,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from fauna.networks import CoordMLP
+from fauna.precision import Precision
 
 
 class AlbedoField(nn.Module):
@@ -16,10 +17,18 @@ class AlbedoField(nn.Module):
         base_frequency: its lowest frequency, radians per world unit.
         num_layers: linear layers behind the input layer.
         hidden_dim: width of the hidden layers.
+        precision: of its matrix products.
     """
 
     def __init__(
-        self, *, texture_dim: int, num_octaves: int, base_frequency: float, num_layers: int, hidden_dim: int
+        self,
+        *,
+        texture_dim: int,
+        num_octaves: int,
+        base_frequency: float,
+        num_layers: int,
+        hidden_dim: int,
+        precision: Precision,
     ) -> None:
         super().__init__()
         self.field = CoordMLP(
@@ -29,6 +38,7 @@ class AlbedoField(nn.Module):
             out_dim=3,
             num_layers=num_layers,
             hidden_dim=hidden_dim,
+            precision=precision,
         )
 
     def forward(

@@ -5,6 +5,7 @@ from torch import Tensor, nn
 
 from fauna.appearance.albedo import mirror_to_right
 from fauna.networks import CoordMLP
+from fauna.precision import Precision
 
 
 class FeatureField(nn.Module):
@@ -17,6 +18,7 @@ class FeatureField(nn.Module):
         base_frequency: its lowest frequency, radians per world unit.
         num_layers: linear layers behind the input layer.
         hidden_dim: width of the hidden layers.
+        precision: of its matrix products.
         symmetric: the same features on both sides of the body (the published code lets them differ).
     """
 
@@ -29,6 +31,7 @@ class FeatureField(nn.Module):
         base_frequency: float,
         num_layers: int,
         hidden_dim: int,
+        precision: Precision,
         symmetric: bool,
     ) -> None:
         super().__init__()
@@ -40,6 +43,7 @@ class FeatureField(nn.Module):
             out_dim=out_dim,
             num_layers=num_layers,
             hidden_dim=hidden_dim,
+            precision=precision,
         )
 
     def forward(

@@ -6,6 +6,7 @@ from torch import Tensor
 
 from fauna.deformation.base import Deformation
 from fauna.networks import CoordMLP
+from fauna.precision import Precision
 from fauna.types import BaseShape, InstanceShape
 
 
@@ -18,6 +19,7 @@ class DeformationField(Deformation):
         base_frequency: its lowest frequency, radians per world unit.
         num_layers: linear layers behind the input layer.
         hidden_dim: width of the hidden layers.
+        precision: of its matrix products.
         offset_scale: factor on the output, world units.
         mirror_x: the x offset changes sign with x, so that instances stay mirror-symmetric (the paper's "bilateral
             symmetry"); ``False`` shifts both sides the same way, as the published code does.
@@ -31,6 +33,7 @@ class DeformationField(Deformation):
         base_frequency: float,
         num_layers: int,
         hidden_dim: int,
+        precision: Precision,
         offset_scale: float,
         mirror_x: bool,
     ) -> None:
@@ -44,15 +47,14 @@ class DeformationField(Deformation):
             out_dim=3,
             num_layers=num_layers,
             hidden_dim=hidden_dim,
+            precision=precision,
         )
 
     def forward(self, base: BaseShape, geometry: Float[Tensor, "batch geometry_chan"]) -> InstanceShape:
         """Offset every vertex of the base for every photo."""
         x, y, z = base.verts.unbind(-1)
         points = torch.stack((x.abs(), y, z), dim=-1)
-        photos, verts = geometry.shape[0], points.shape[0]
-        photo = torch.arange(photos, device=points.device).repeat_interleave(verts)
-        offsets = self.field(points.repeat(photos, 1), geometry, photo).reshape(photos, verts, 3) * self.offset_scale
+        offsets = self.field.grid(points, geometry) * self.offset_scale
         if self.mirror_x:
             side = x.detach().sign()
             offsets = offsets * torch.stack((side, torch.ones_like(side), torch.ones_like(side)), dim=-1)
