@@ -1,10 +1,15 @@
 """The data flow: what each stage switches, and what depends on what."""
 
 from dataclasses import replace
+from functools import partial
+from unittest.mock import patch
 
 import pytest
 import torch
 
+import fauna.model
+from fauna.losses.objective import compared_pixels, image_terms
+from fauna.losses.reconstruction import eroded_intersection, upsample
 from fauna.random import Draws
 from fauna.stages import Stage
 from tests.test_system import batch, cfg, system  # noqa: F401
@@ -46,7 +51,7 @@ def test_rows_are_photos_or_all_hypotheses(model, photos):
 
 @torch.no_grad()
 def test_test_time_has_no_randomness_and_training_only_that_of_its_draws(model, photos):
-    assert torch.equal(model(photos).renders.rgb, model(photos).renders.rgb)
+    assert torch.equal(model(photos).renders.shading.rgb, model(photos).renders.shading.rgb)
     first, again, other = (model(photos, Draws(0, step)).base.verts for step in (3, 3, 4))
     assert torch.equal(first, again)
     assert first.shape != other.shape or not torch.equal(first, other)
@@ -79,3 +84,66 @@ def test_stage_travels_with_the_state(model):
     model.load_state_dict(saved)
     assert model.stage == stage
     assert not any(name.startswith("encoder.") for name in saved)
+
+
+def test_training_shades_only_what_is_compared_and_its_losses_and_gradients_stay(model, photos):
+    """Against a rendering of everything, compared on whole images."""
+    model.set_stage(Stage(hypotheses="all"))
+    stage = Stage(weights={"image": 1.0, "feature": 10.0}, hypotheses="all")
+    results = []
+    for wanted in (compared_pixels, None):
+        with patch.object(fauna.model, "partial", (lambda *_: None) if wanted is None else partial):
+            out = model(photos, Draws(0, 0))
+        if wanted is None:
+            terms = dense_image_terms(out, photos, model.feature_targets(photos))
+        else:
+            terms = image_terms(photos, model.feature_targets(photos), out, stage)
+        total = terms["image"].mean() + 10 * terms["feature"].mean()
+        parameters = [p for p in model.parameters() if p.requires_grad]
+        grads = torch.autograd.grad(total, parameters, allow_unused=True)
+        results.append(
+            (terms, torch.cat([g.flatten() for g in grads if g is not None]), len(out.renders.shading.pixels))
+        )
+    (few, few_grad, few_count), (all_, all_grad, all_count) = results
+    assert 0 < few_count < 0.9 * all_count
+    for name in ("image", "feature"):
+        torch.testing.assert_close(few[name], all_[name])
+    torch.testing.assert_close(few_grad, all_grad, rtol=1e-4, atol=1e-7)
+
+
+def dense_image_terms(out, photos, targets):
+    """The image terms as they are written in the paper: on whole images."""
+    renders, photo = out.renders, out.selection.photo
+    region = eroded_intersection(renders.silhouette, photos.masks[photo], photos.valid[photo])[:, None]
+    rgb, features = renders.image(renders.shading.rgb), renders.image(renders.shading.features)
+    target = upsample(targets, *photos.masks.shape[-2:])[photo]
+    return {
+        "image": ((rgb - photos.images[photo]).abs() * region).mean(dim=(1, 2, 3)),
+        "feature": ((features - target).square() * region).mean(dim=(1, 2, 3)),
+    }
+
+
+@torch.no_grad()
+def test_a_random_share_of_the_pixels_is_unbiased(model, photos):
+    stage = Stage(weights={"image": 1.0, "feature": 1.0})
+    exact = image_terms(photos, model.feature_targets(photos), model(photos, Draws(0, 0)), stage)
+    model.shade_fraction = 0.3
+    lattice, found = Draws(0, 0).generator("lattice_jitter").get_state(), []
+    for seed in range(60):
+        draws = Draws(0, 0)
+        with patch.object(Draws, "generator", lambda self, name, seed=seed: reseeded(name, lattice, seed)):
+            found.append(image_terms(photos, model.feature_targets(photos), model(photos, draws), stage))
+    for name in ("image", "feature"):
+        values = torch.stack([terms[name] for terms in found])
+        error = values.mean(dim=0) - exact[name]
+        assert (values.std(dim=0) > 0).all()
+        assert (error.abs() < 4 * values.std(dim=0) / 60**0.5).all()
+
+
+def reseeded(name, lattice, seed):
+    """The same lattice in every draw, other pixels in each."""
+    generator = torch.Generator()
+    if name == "lattice_jitter":
+        generator.set_state(lattice)
+        return generator
+    return generator.manual_seed(seed if name == "shading" else 0)

@@ -18,18 +18,8 @@ from fauna.losses.objective import IMAGE_TERMS, TERMS
 ROOT_KEYS = (
     *("encoder", "feature_space", "bank", "embedder", "viewpoint", "shape", "deformation", "rig", "articulation"),
     *("appearance", "renderer", "discriminator", "losses", "optimizer", "schedule", "data", "trainer", "callbacks"),
-    *(
-        "logger",
-        "name",
-        "seed",
-        "out",
-        "resume",
-        "init_from",
-        "init_components",
-        "camera",
-        "feature_lookup",
-        "field_precision",
-    ),
+    *("logger", "name", "seed", "out", "resume", "init_from", "init_components", "camera"),
+    *("feature_lookup", "field_precision", "shade_fraction"),
 )
 """What ``conf/train.yaml`` holds: its groups and its own keys."""
 

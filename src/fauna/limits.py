@@ -12,6 +12,7 @@ POSITIVE, NOT_NEGATIVE, SHARE = (1, math.inf), (0, math.inf), (0, 1)
 
 RANGES: dict[str, tuple[float, float]] = {
     "seed": (0, 2**32 - 1),
+    "shade_fraction": (1e-3, 1),
     "camera.fov_deg": (1, 170),
     "camera.distance": (1e-3, math.inf),
     "bank.num_slots": POSITIVE,

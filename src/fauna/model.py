@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import torch
@@ -16,6 +17,7 @@ from fauna.encoder.base import Encoder
 from fauna.encoder.embedder import ImageEmbedder
 from fauna.encoder.feature_space import FeatureSpace
 from fauna.geometry.rig import Rig
+from fauna.losses.objective import compared_pixels
 from fauna.random import Draws
 from fauna.renderer.base import Renderer
 from fauna.renderer.deferred import FeatureLookup, render
@@ -57,7 +59,8 @@ class FaunaModel(nn.Module):
         appearance: albedo, light and feature field.
         renderer: rasteriser backend.
         camera: ``fov_deg`` and ``distance`` (world units) of the pinhole camera.
-        feature_lookup: evaluate the feature field at mesh ``vertices`` or at covered ``pixels``.
+        feature_lookup: evaluate the feature field at mesh ``vertices`` or at the shaded ``pixels``.
+        shade_fraction: share of the pixels in the image losses that a training step shades, drawn at random.
     """
 
     def __init__(
@@ -76,6 +79,7 @@ class FaunaModel(nn.Module):
         renderer: Renderer,
         camera: Mapping[str, float],
         feature_lookup: FeatureLookup,
+        shade_fraction: float,
     ) -> None:
         super().__init__()
         self.encoder = encoder
@@ -91,6 +95,7 @@ class FaunaModel(nn.Module):
         self.renderer = renderer
         self.camera = dict(camera)
         self.feature_lookup: FeatureLookup = feature_lookup
+        self.shade_fraction = shade_fraction
         self.stage = Stage()
         self.grid_resolution = shape.grid_resolution  # as configured: what a stage without one means
 
@@ -117,6 +122,7 @@ class FaunaModel(nn.Module):
         renders = render(
             self.renderer,
             posed,
+            base.topology,
             camera,
             (batch.images.shape[-2], batch.images.shape[-1]),
             appearance=self.appearance,
@@ -124,6 +130,9 @@ class FaunaModel(nn.Module):
             code=code,
             light=light,
             feature_lookup=self.feature_lookup,
+            wanted=None if draws is None else partial(compared_pixels, batch, selection.photo),
+            share=1.0 if draws is None else self.shade_fraction,
+            generator=None if draws is None else draws.generator("shading"),
         )
         return Reconstruction(
             readout, code, base, instance, hypotheses, selection, camera, posed, renders, light, skeleton, pose

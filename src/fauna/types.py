@@ -6,6 +6,7 @@ A step renders one row per photo when one hypothesis is sampled and ``hyp`` rows
 """
 
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -118,6 +119,13 @@ class BaseShape:
 
     verts: Float[Tensor, "vert 3"]
     faces: Int[Tensor, "face 3"]
+
+    @cached_property
+    def topology(self) -> "Topology":
+        """Edges of the faces, found once per mesh."""
+        from fauna.geometry.mesh import build_topology
+
+        return build_topology(self.faces)
 
 
 @dataclass(frozen=True)
@@ -284,20 +292,43 @@ class Fragments:
 
 
 @dataclass(frozen=True)
-class Renders:
-    """Differentiable images of each row.
+class Shading:
+    """Colours and features of a list of pixels, antialiased.
 
     Attributes:
-        silhouette: (row, height, width) antialiased coverage in [0, 1].
-        rgb: (row, 3, height, width) shaded colour over black, not clamped; ``None`` in mask-only renders.
-        features: (row, chan, height, width) rendered feature field over 0; ``None`` likewise.
+        pixels: flat indices into (row, height, width), ascending.
+        row: of each pixel.
+        rgb: shaded colour over black, not clamped.
+        features: rendered feature field over 0.
+        share: expected share of the wanted pixels that is listed, in (0, 1].
+    """
+
+    pixels: Int[Tensor, " pixel"]
+    row: Int[Tensor, " pixel"]
+    rgb: Float[Tensor, "pixel 3"]
+    features: Float[Tensor, "pixel chan"]
+    share: float
+
+
+@dataclass(frozen=True)
+class Renders:
+    """What is seen of each row.
+
+    Attributes:
+        silhouette: (row, height, width) antialiased coverage in [0, 1], differentiable.
         covered: (row, height, width) hard coverage.
+        shading: colours and features: of all pixels that show the mesh, or in training of those that enter a loss.
     """
 
     silhouette: Float[Tensor, "row height width"]
     covered: Bool[Tensor, "row height width"]
-    rgb: Float[Tensor, "row 3 height width"] | None = None
-    features: Float[Tensor, "row chan height width"] | None = None
+    shading: Shading
+
+    def image(self, values: Float[Tensor, "pixel chan"]) -> Float[Tensor, "row chan height width"]:
+        """Values of the listed pixels as images over zero."""
+        rows, height, width = self.silhouette.shape
+        flat = values.new_zeros(rows * height * width, values.shape[1]).index_copy(0, self.shading.pixels, values)
+        return flat.reshape(rows, height, width, -1).movedim(-1, 1)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from fauna.types import (
     Reconstruction,
     Renders,
     Selection,
+    Shading,
 )
 
 PHOTOS, HYPOTHESES, SIZE, VERTS = 2, 4, 8, 5
@@ -50,6 +51,12 @@ def targets() -> torch.Tensor:
     return draw(PHOTOS, 3, 4, 4, seed=3)
 
 
+def shading(rows: int) -> Shading:
+    pixels = torch.arange(rows * SIZE * SIZE)
+    colours = draw(len(pixels), 6, seed=8)
+    return Shading(pixels, pixels // SIZE**2, colours[:, :3], colours[:, 3:], 1.0)
+
+
 def reconstruction(rows: int) -> Reconstruction:
     every = torch.arange(PHOTOS * HYPOTHESES)
     photo, chosen = (every // 4, every % 4) if rows == 8 else (torch.arange(PHOTOS), torch.tensor([2, 1]))
@@ -72,9 +79,7 @@ def reconstruction(rows: int) -> Reconstruction:
         selection=Selection(photo, chosen),
         camera=Camera(eye, eye),
         posed=PosedMesh(verts.expand(rows, -1, -1), faces, verts),
-        renders=Renders(
-            silhouette, silhouette > 0.5, draw(rows, 3, SIZE, SIZE, seed=8), draw(rows, 3, SIZE, SIZE, seed=9)
-        ),
+        renders=Renders(silhouette, silhouette > 0.5, shading(rows)),
         light=Light(torch.zeros(rows, 3), torch.zeros(rows), torch.zeros(rows)),
         pose=Pose(draw(rows, 20, 3, seed=10)),
     )

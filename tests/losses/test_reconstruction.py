@@ -11,6 +11,7 @@ from fauna.losses.reconstruction import (
     mask_miss_loss,
     mask_spill_loss,
     upsample,
+    values_at,
 )
 
 ROWS, SIZE = 2, 5
@@ -37,15 +38,27 @@ def test_mask_terms_equal_loops():
         torch.testing.assert_close(mask_miss_loss(silhouette, mask)[row], miss)
 
 
+def listed(*images: torch.Tensor) -> list[torch.Tensor]:
+    """Images (row, chan, size, size) as lists of all their pixels (pixel, chan)."""
+    return [image.movedim(1, -1).reshape(-1, image.shape[1]) for image in images]
+
+
+def everywhere(region: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, int, int]:
+    """Weight and row of all pixels, number of rows, pixels of an image."""
+    area = region[0].numel()
+    return region.reshape(-1), torch.arange(ROWS).repeat_interleave(area), ROWS, area
+
+
 def test_colour_terms_equal_loops_and_divide_by_the_whole_image():
     rendered, observed = draw(ROWS, 3, SIZE, SIZE, seed=3), draw(ROWS, 3, SIZE, SIZE, seed=4)
     region = (draw(ROWS, SIZE, SIZE, seed=5) > 0.6).double()
+    lists, where = listed(rendered, observed), everywhere(region)
     for row in range(ROWS):
         inside = [(c, *p) for c in range(3) for p in pixels() if region[row][p]]
         l1 = sum(abs(rendered[row][q] - observed[row][q]) for q in inside) / (3 * SIZE**2)
         l2 = sum((rendered[row][q] - observed[row][q]) ** 2 for q in inside) / (3 * SIZE**2)
-        torch.testing.assert_close(image_loss(rendered, observed, region)[row], l1)
-        torch.testing.assert_close(feature_loss(rendered, observed, region)[row], l2)
+        torch.testing.assert_close(image_loss(*lists, *where)[row], l1)
+        torch.testing.assert_close(feature_loss(*lists, *where)[row], l2)
 
 
 def test_perfect_and_empty_predictions():
@@ -100,9 +113,15 @@ def test_gradients_of_distance_terms(loss):
 
 @pytest.mark.parametrize("loss", [image_loss, feature_loss])
 def test_gradients_of_colour_terms(loss):
-    region = (draw(ROWS, 3, 3, seed=8) > 0.3).double()
-    rendered = draw(ROWS, 2, 3, 3, seed=9).requires_grad_(True)
-    assert torch.autograd.gradcheck(lambda r: loss(r, draw(ROWS, 2, 3, 3, seed=10), region), rendered)
+    where = everywhere((draw(ROWS, 3, 3, seed=8) > 0.3).double())
+    rendered = draw(ROWS * 9, 2, seed=9).requires_grad_(True)
+    assert torch.autograd.gradcheck(lambda r: loss(r, draw(ROWS * 9, 2, seed=10), *where), rendered)
+
+
+def test_values_at_looks_into_the_photos_of_the_pixels():
+    maps, pixels = draw(3, 2, 4, 4, seed=14), torch.tensor([5, 16 + 5, 2 * 16 + 15])
+    found = values_at(maps, torch.tensor([2, 0, 1]), pixels)  # rows need not be photos
+    assert torch.equal(found, torch.stack((maps[2, :, 1, 1], maps[0, :, 1, 1], maps[1, :, 3, 3])))
 
 
 def test_gradient_of_the_mask_term():

@@ -72,8 +72,6 @@ def _row(model: FaunaModel, photo: Batch, cell: int) -> np.ndarray:
     targets = model.feature_targets(photo)
     size = (photo.masks.shape[-2], photo.masks.shape[-1])
     mask = photo.masks[0].expand(3, -1, -1)
-    assert renders.rgb is not None
-    assert renders.features is not None
     overlay = (
         0.5 * photo.images[0] + 0.5 * renders.silhouette[0] * photo.images.new_tensor([1.0, 0.35, 0.1])[:, None, None]
     )
@@ -82,8 +80,8 @@ def _row(model: FaunaModel, photo: Batch, cell: int) -> np.ndarray:
         mask,
         upsample(targets[:, :3], *size)[0] * photo.masks[0],
         overlay,
-        renders.rgb[0],
-        renders.features[0, :3],
+        renders.image(renders.shading.rgb)[0],
+        renders.image(renders.shading.features)[0, :3],
     ]
     pictures = [F.interpolate(p[None], size=(cell, cell), mode="bilinear", antialias=True)[0] for p in pictures]
     pictures.append(shape_view(model, out.posed, "side", cell, out.camera.camera_from_world[0, :3, :3]))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from fauna.losses.hypothesis import Weighting, hypothesis_loss, row_weights
@@ -17,6 +17,7 @@ from fauna.losses.reconstruction import (
     mask_miss_loss,
     mask_spill_loss,
     upsample,
+    values_at,
 )
 from fauna.losses.regularizers import articulation_loss, deformation_loss
 from fauna.stages import Stage
@@ -97,6 +98,13 @@ class Objective:
         return Losses(total, terms, measured, weights)
 
 
+def compared_pixels(
+    batch: Batch, photo: Int[Tensor, " row"], silhouette: Float[Tensor, "row height width"]
+) -> Bool[Tensor, "row height width"]:
+    """Pixels whose colour and features are compared with the photo's; all others need no shading in training."""
+    return eroded_intersection(silhouette, batch.masks[photo], batch.valid[photo])
+
+
 def image_terms(
     batch: Batch,
     targets: Float[Tensor, "batch chan grid_height grid_width"],
@@ -115,10 +123,15 @@ def image_terms(
     if "mask_miss" in wanted:
         terms["mask_miss"] = mask_miss_loss(renders.silhouette, batch.distance_inside[photo])
     if wanted & {"image", "feature"}:
-        region = eroded_intersection(renders.silhouette, mask, valid)
-        if "image" in wanted and renders.rgb is not None:
-            terms["image"] = image_loss(renders.rgb, batch.images[photo], region)
-        if "feature" in wanted and renders.features is not None:
+        listed = renders.shading
+        region = compared_pixels(batch, photo, renders.silhouette)
+        weight = region.reshape(-1)[listed.pixels] / listed.share
+        where = (weight, listed.row, len(photo), mask.shape[-2] * mask.shape[-1])
+        of_pixel = photo[listed.row]
+        if "image" in wanted:
+            terms["image"] = image_loss(listed.rgb, values_at(batch.images, of_pixel, listed.pixels), *where)
+        if "feature" in wanted:
             height, width = mask.shape[-2:]
-            terms["feature"] = feature_loss(renders.features, upsample(targets, height, width)[photo], region)
+            target = values_at(upsample(targets, height, width), of_pixel, listed.pixels)
+            terms["feature"] = feature_loss(listed.features, target, *where)
     return terms

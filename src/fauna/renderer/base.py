@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fauna.errors import FaunaError
+from fauna.renderer.contour import Contour
 from fauna.types import Fragments, Topology
 
 
@@ -85,6 +86,19 @@ class Renderer(ABC):
 
         The blend is linear in the image. Where several contours meet in a pixel it may overshoot the range of
         the image, so coverage is to be clamped to [0, 1] as :meth:`silhouette` does.
+        """
+
+    @abstractmethod
+    def contour(
+        self,
+        fragments: Fragments,
+        clip_verts: Float[Tensor, "row vert 4"],
+        faces: Int[Tensor, "face 3"],
+        topology: Topology,
+    ) -> Contour:
+        """Which neighbouring pixels silhouette edges separate, and what share of one shines into the other.
+
+        :meth:`antialias` applies it to images; ``fauna.renderer.contour`` to coverages and lists of pixels.
         """
 
     @abstractmethod

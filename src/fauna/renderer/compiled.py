@@ -7,6 +7,7 @@ from torch import Tensor
 
 from fauna.kernels import raster, silhouette
 from fauna.renderer.base import Renderer, check_attributes, check_mesh, check_topology
+from fauna.renderer.contour import Contour, make_contour
 from fauna.renderer.edges import DEPTH_TOLERANCE, Crossings, blend_weights
 from fauna.renderer.numba_functions import Barycentrics, Blend, Interpolate, InterpolateAt, as_numpy
 from fauna.types import Fragments, Topology
@@ -62,6 +63,19 @@ class CompiledRenderer(Renderer):
     ) -> Float[Tensor, "row chan height width"]:
         """See :meth:`Renderer.antialias`."""
         return self._blend(image, fragments.face_index, fragments.depth, clip_verts, faces, topology)
+
+    def contour(
+        self,
+        fragments: Fragments,
+        clip_verts: Float[Tensor, "row vert 4"],
+        faces: Int[Tensor, "face 3"],
+        topology: Topology,
+    ) -> Contour:
+        """See :meth:`Renderer.contour`."""
+        _, height, width = fragments.face_index.shape
+        crossings = self._find_crossings(clip_verts, faces, topology, fragments.face_index, fragments.depth)
+        weights = blend_weights(crossings, clip_verts, topology, height, width, self.soft_edges)
+        return make_contour(crossings, weights, height, width)
 
     def silhouette(
         self,

@@ -6,6 +6,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fauna.renderer.base import Renderer
+from fauna.renderer.contour import Contour
 from fauna.renderer.torch_backend import TorchRenderer
 from fauna.types import Fragments, Topology
 
@@ -54,6 +55,16 @@ class NumbaRenderer(Renderer):
     ) -> Float[Tensor, "row chan height width"]:
         """See :meth:`Renderer.antialias`."""
         return self._backend(image).antialias(image, fragments, clip_verts, faces, topology)
+
+    def contour(
+        self,
+        fragments: Fragments,
+        clip_verts: Float[Tensor, "row vert 4"],
+        faces: Int[Tensor, "face 3"],
+        topology: Topology,
+    ) -> Contour:
+        """See :meth:`Renderer.contour`."""
+        return self._backend(clip_verts).contour(fragments, clip_verts, faces, topology)
 
     def silhouette(
         self,

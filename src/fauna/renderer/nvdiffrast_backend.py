@@ -6,6 +6,7 @@ from torch import Tensor
 
 from fauna.errors import FaunaError
 from fauna.renderer.base import Renderer, check_attributes, check_mesh
+from fauna.renderer.contour import Contour
 from fauna.renderer.torch_backend import TorchRenderer
 from fauna.types import Fragments, Topology
 
@@ -86,6 +87,16 @@ class NvdiffrastRenderer(Renderer):
     ) -> Float[Tensor, "row chan height width"]:
         """See :meth:`Renderer.antialias`."""
         return self._torch.antialias(image, fragments, clip_verts, faces, topology)
+
+    def contour(
+        self,
+        fragments: Fragments,
+        clip_verts: Float[Tensor, "row vert 4"],
+        faces: Int[Tensor, "face 3"],
+        topology: Topology,
+    ) -> Contour:
+        """See :meth:`Renderer.contour`."""
+        return self._torch.contour(fragments, clip_verts, faces, topology)
 
     def silhouette(
         self,

@@ -5,6 +5,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fauna.renderer.base import Renderer, check_attributes, check_mesh
+from fauna.renderer.contour import Contour, make_contour
 from fauna.renderer.edges import blend, blend_weights, find_crossings
 from fauna.renderer.projection import to_screen
 from fauna.types import Fragments, Topology
@@ -69,6 +70,19 @@ class TorchRenderer(Renderer):
         height, width = image.shape[-2:]
         weights = blend_weights(crossings, clip_verts, topology, height, width, self.soft_edges)
         return blend(image, crossings, weights)
+
+    def contour(
+        self,
+        fragments: Fragments,
+        clip_verts: Float[Tensor, "row vert 4"],
+        faces: Int[Tensor, "face 3"],
+        topology: Topology,
+    ) -> Contour:
+        """See :meth:`Renderer.contour`."""
+        _, height, width = fragments.face_index.shape
+        crossings = find_crossings(clip_verts, faces, topology, fragments.covered, fragments.depth, self.soft_edges)
+        weights = blend_weights(crossings, clip_verts, topology, height, width, self.soft_edges)
+        return make_contour(crossings, weights, height, width)
 
     def silhouette(
         self,
