@@ -66,7 +66,7 @@ def values_at(
 ) -> Float[Tensor, "pixel chan"]:
     """Values of images at pixels given by photo and flat index into (any row, height, width)."""
     area = maps.shape[-2] * maps.shape[-1]
-    return maps.movedim(1, -1).reshape(-1, maps.shape[1]).index_select(0, photo * area + pixels % area)
+    return maps.flatten(2).movedim(1, 2)[photo, pixels % area]
 
 
 def upsample(
