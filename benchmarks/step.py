@@ -1,18 +1,21 @@
-"""Time of one training step and of its parts, in every stage of the schedule.
+"""Time of one training step and of its parts, in every stage of the schedule, beside the naive structure of the same step.
 
-The step is the one of ``fauna.system.FaunaSystem`` without Lightning around it: batch, forward pass, losses, backward pass, Adam,
-and the discriminator's own step. Parts are timed inside the same steps; ``losses`` is what remains of the forward pass.
-Variants (another renderer, twice the threads) run in the same process, those of equal threads taking turns. Medians in milliseconds; ``ratio`` is
-relative to the base's whole step of the same stage. The first steps of each stage are not counted.
+The step is the one of ``fauna.system.FaunaSystem`` without Lightning around it: batch, forward pass, losses, backward pass,
+Adam, and the discriminator's own step; one micro-batch, features from the cache. Parts are timed inside the same steps;
+``losses`` is what remains of the forward pass. The naive step (``benchmarks/naive.py``) takes turns with ours in the same
+process. Medians in milliseconds; ``ratio`` is naive over ours. The first steps of each stage are not counted.
 
-    python benchmarks/step.py [--smoke | --full] [--experiment laptop] [--weights FILE] [--json FILE]
+Cases: ``laptop`` at 64 and 128 pixels and ``quadruped``, the paper's sizes with the offline encoder in place of DINO. The naive
+step of ``quadruped`` takes more than a minute and 16 GB: once in one stage, if that much memory is free.
+
+    python benchmarks/step.py [--smoke | --full] [--cases laptop-64 ...] [--weights FILE] [--json FILE] [override ...]
 """
 
 import argparse
 import json
 import time
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -23,6 +26,7 @@ import numba
 import torch
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
+from naive import naive_structure
 from omegaconf import DictConfig
 
 import fauna.model
@@ -176,85 +180,127 @@ def stages_of(schedule: Schedule) -> dict[str, int]:
     return {name: step - schedule.start_at for name, step in found.items() if step >= schedule.start_at}
 
 
-def measure(
-    runners: dict[str, Runner], schedule: Schedule, stage: str, step: int, repeats: int
-) -> list[dict[str, Any]]:
-    """Rows of one stage; the first runner is the base."""
-    times: dict[str, list[dict[str, float]]] = defaultdict(list)
-    for threads in sorted(
-        {runner.threads for runner in runners.values()}
-    ):  # idle threads of a wider pool would disturb
-        turns = {name: runner for name, runner in runners.items() if runner.threads == threads}
-        for repeat in range(WARM_UP + repeats):
-            for name, runner in turns.items():
-                parts = runner.step(schedule, step, repeat)
-                if repeat >= WARM_UP:
-                    times[name].append(parts)
-    base, *variants = runners
-    whole = median(parts["step"] for parts in times[base])
-    rows = [("step", whole)]
-    rows += [(part, median(parts[part] for parts in times[base])) for part in PARTS if part in times[base][0]]
-    rows += [(f"step, {name}", median(parts["step"] for parts in times[name])) for name in variants]
-    return [
-        {"stage": stage, "part": part, "ms": round(value, 2), "ratio": round(value / whole, 3)} for part, value in rows
-    ]
+@dataclass(frozen=True)
+class Case:
+    """What to time: an experiment at an image size, with the number of threads.
+
+    Attributes:
+        experiment: name of the configuration.
+        overrides: further Hydra overrides.
+        threads: of torch and numba.
+        repeats: of our step in every stage.
+        naive_repeats: of the naive step.
+        naive_stages: stages in which the naive step is timed, ``None`` = all.
+        naive_gigabytes: free memory the naive step needs.
+    """
+
+    experiment: str
+    overrides: tuple[str, ...]
+    threads: int
+    repeats: int
+    naive_repeats: int
+    naive_stages: tuple[str, ...] | None
+    naive_gigabytes: float
 
 
-def compose_experiment(experiment: str, overrides: Sequence[str], species: int, photos: int) -> DictConfig:
+def cases_of(args: argparse.Namespace) -> dict[str, Case]:
+    """The cases by name."""
+    more = 4 if args.full else 1
+    if args.smoke:
+        return {"tiny": Case("tiny", (), 1, 2, 1, None, 0)}
+    quadruped = ("encoder=efficientnet_lite0",)
+    return {
+        "laptop-64": Case("laptop", (), 2, 12 * more, 3 * more, None, 2),
+        "laptop-64-one-thread": Case("laptop", (), 1, 12 * more, 3 * more, None, 2),
+        "laptop-128": Case("laptop", ("data.image_size=128",), 2, 8 * more, 2 * more, None, 3),
+        "quadruped": Case("quadruped", quadruped, 2, 3 * more, 1, ("articulated",), 19),
+    }
+
+
+def measure(case: Case, weights: Path | None, overrides: Sequence[str], photos: int) -> Iterator[dict[str, Any]]:
+    """One row per stage."""
+    clock = Clock()
+    with patch.object(fauna.model, "render", clock.timed("render", fauna.model.render)):
+        cfg = compose_experiment(case.experiment, [*case.overrides, *overrides], photos)
+        runner = Runner(cfg, clock, case.threads, weights)
+        instrument(runner.system, clock)
+        schedule = build_schedule(cfg)
+        for stage, step in stages_of(schedule).items():
+            for repeat in range(WARM_UP):
+                runner.step(schedule, step, repeat)
+            ours: list[dict[str, float]] = []
+            naive: list[float] = []
+            wanted = case.naive_stages is None or stage in case.naive_stages
+            turns = case.naive_repeats if wanted and free_gigabytes() > case.naive_gigabytes else 0
+            for repeat in range(case.repeats):
+                ours.append(runner.step(schedule, step, WARM_UP + repeat))
+                if repeat < turns:
+                    with naive_structure(runner.system):
+                        naive.append(runner.step(schedule, step, WARM_UP + repeat)["step"])
+            median_ms = median(parts["step"] for parts in ours)
+            naive_ms = median(naive) if naive else None
+            yield {
+                "experiment": case.experiment,
+                "image_size": cfg.data.image_size,
+                "threads": case.threads,
+                "stage": stage,
+                "median_ms": round(median_ms, 1),
+                "naive_ms": None if naive_ms is None else round(naive_ms, 1),
+                "ratio": None if naive_ms is None else round(naive_ms / median_ms, 2),
+                "parts": {part: round(median(parts[part] for parts in ours), 2) for part in PARTS if part in ours[0]},
+            }
+
+
+def free_gigabytes() -> float:
+    """Memory that can be had without swapping; unlimited where the system does not say."""
+    file = Path("/proc/meminfo")
+    if not file.is_file():
+        return float("inf")
+    line = next(line for line in file.read_text().splitlines() if line.startswith("MemAvailable"))
+    return int(line.split()[1]) / 2**20
+
+
+def compose_experiment(experiment: str, overrides: Sequence[str], photos: int) -> DictConfig:
     """The experiment on a handful of zoo photos."""
     data = [] if experiment == "tiny" else ["data=zoo", "data.held_out=[]", f"data.source.photos_per_species={photos}"]
-    data += [] if experiment == "tiny" else [f"data.source.species=[{','.join(('horse', 'dog', 'cow')[:species])}]"]
+    data += [] if experiment == "tiny" else ["data.source.species=[horse,dog]", "data.cache_features=true"]
+    data += ["data.image_size=256"] if experiment == "quadruped" else []
     with initialize_config_dir(str(CONF_DIR), version_base="1.3"):
         return compose("train", overrides=[f"+experiment={experiment}", *data, *overrides])
 
 
-def make_runners(args: argparse.Namespace, clock: Clock) -> tuple[dict[str, Runner], Schedule]:
-    """The base and its variants."""
-    photos = 12 if args.full else 6
-    choices: dict[str, tuple[list[str], int]] = {"base": ([], args.threads)}
-    if not args.base_only:
-        choices["renderer=torch"] = (["renderer=torch"], args.threads)
-        choices[f"{2 * args.threads} threads"] = ([], 2 * args.threads)
-    runners = {}
-    for name, (overrides, threads) in choices.items():
-        cfg = compose_experiment(args.experiment, [*args.overrides, *overrides], 3 if args.full else 2, photos)
-        runners[name] = Runner(cfg, clock, threads, args.weights)
-        instrument(runners[name].system, clock)
-    return runners, build_schedule(cfg)
-
-
 def main(argv: Sequence[str] | None = None) -> list[dict[str, Any]]:
-    """Print and return the rows of all stages."""
+    """Print and return the rows of all cases."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--smoke", action="store_true", help="experiment tiny, two repeats")
-    size.add_argument("--full", action="store_true", help="more photos and four times the repeats")
-    parser.add_argument("--experiment", default="laptop")
+    size.add_argument("--full", action="store_true", help="four times the repeats")
+    parser.add_argument("--cases", nargs="+", help="only these: laptop-64, laptop-64-one-thread, laptop-128, quadruped")
     parser.add_argument(
         "--weights", type=Path, help="time a trained model: its mesh is larger than the first ellipsoid"
     )
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--repeats", type=int, default=12)
-    parser.add_argument("--base-only", action="store_true", help="without variants")
     parser.add_argument("--json", type=Path, help="also write the rows to this file")
     parser.add_argument("overrides", nargs="*", help="further Hydra overrides, e.g. bank=none")
     args = parser.parse_args(argv)
-    if args.smoke:
-        args.experiment, args.repeats = "tiny", 2
     torch.use_deterministic_algorithms(True)
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
-    clock = Clock()
-    with patch.object(fauna.model, "render", clock.timed("render", fauna.model.render)):
-        runners, schedule = make_runners(args, clock)
-        rows: list[dict[str, Any]] = []
-        for stage, step in stages_of(schedule).items():
-            measured = measure(runners, schedule, stage, step, args.repeats * (4 if args.full else 1))
-            for row in measured:
-                print(f"{row['stage']:20s} {row['part']:24s} {row['ms']:9.2f} ms {row['ratio']:7.3f}", flush=True)
-            rows += measured
+    cases = cases_of(args)
+    rows: list[dict[str, Any]] = []
+    for name in args.cases or cases:
+        for row in measure(cases[name], args.weights, args.overrides, 6):
+            rows.append(row)
+            print_row(row)
     if args.json is not None:
         args.json.write_text(json.dumps(rows, indent=1) + "\n")
     return rows
+
+
+def print_row(row: dict[str, Any]) -> None:
+    """One line for the step and one for its parts."""
+    naive = "" if row["naive_ms"] is None else f"   naive {row['naive_ms']:9.1f} ms   ratio {row['ratio']:6.2f}"
+    head = f"{row['experiment']} {row['image_size']} px, {row['threads']} threads, {row['stage']}"
+    print(f"{head:52s} {row['median_ms']:8.1f} ms{naive}")
+    print("    " + ", ".join(f"{part} {ms:.1f}" for part, ms in row["parts"].items()), flush=True)
 
 
 if __name__ == "__main__":

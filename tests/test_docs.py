@@ -1,10 +1,8 @@
 """Documents, notebook, benchmark and gates say what is true."""
 
-import importlib.util
 import json
 import re
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -21,7 +19,6 @@ from fauna.configuration import validate
 from fauna.data.fauna_folder import read_fauna_folder
 from fauna.data.photo_loader import FEATURE_MAP_CHANNELS, PhotoLoader
 from fauna.encoder.tiny import TinyEncoder
-from fauna.threads import set_threads
 from tests.runs import composed, run
 
 ROOT = Path(__file__).parents[1]
@@ -38,16 +35,6 @@ def spans(document: Path) -> set[str]:
     """Text in backticks outside code blocks."""
     prose = re.sub(r"```.*?```", "", document.read_text(), flags=re.DOTALL)
     return set(re.findall(r"`([^`\n]+)`", prose))
-
-
-@pytest.fixture
-def deterministic_flags() -> Iterator[None]:
-    """Undo what a script sets for its whole process."""
-    before = torch.are_deterministic_algorithms_enabled(), torch.utils.deterministic.fill_uninitialized_memory
-    yield
-    torch.use_deterministic_algorithms(before[0])
-    torch.utils.deterministic.fill_uninitialized_memory = before[1]
-    set_threads(1)
 
 
 # --- documents ---------------------------------------------------------------------------------------------------
@@ -182,30 +169,6 @@ def test_notebooks_are_stripped_and_run(tmp_path, monkeypatch):
     side = np.asarray(namespace["side"].convert("L"))
     assert side.shape == (256, 256)
     assert 0.02 < (side < 250).mean() < 0.9  # something is seen, on white
-
-
-# --- benchmark ---------------------------------------------------------------------------------------------------
-
-
-def test_step_benchmark_smoke(tmp_path, deterministic_flags):
-    spec = importlib.util.spec_from_file_location("step_benchmark", ROOT / "benchmarks" / "step.py")
-    assert spec is not None
-    assert spec.loader is not None
-    benchmark = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = benchmark
-    spec.loader.exec_module(benchmark)
-    benchmark.main(["--smoke", "--base-only", "--json", str(tmp_path / "rows.json")])
-    rows = json.loads((tmp_path / "rows.json").read_text())
-    table: dict[str, dict[str, float]] = {}
-    for row in rows:
-        assert set(row) == {"stage", "part", "ms", "ratio"}
-        table.setdefault(row["stage"], {})[row["part"]] = row["ms"]
-    assert list(table) == ["before articulation", "articulated", "adversarial", "deformed"]
-    assert all({"data", "shape", "render", "losses", "backward", "optimizer"} <= set(parts) for parts in table.values())
-    assert "articulation" not in table["before articulation"]
-    assert {"skeleton", "articulation", "skinning"} <= set(table["articulated"])
-    assert {name for name, parts in table.items() if "discriminator" in parts} == {"adversarial"}
-    assert all(0 <= value <= parts["step"] * 2 for parts in table.values() for value in parts.values())
 
 
 # --- gates -------------------------------------------------------------------------------------------------------
