@@ -14,9 +14,6 @@ from fauna.shape.base import Shape
 from fauna.shape.sdf_mlp import SDFField, SDFNetwork
 from fauna.types import BaseShape
 
-COARSE_BF16_MARGIN = 0.02
-"""World units added to the bound of blocks evaluated in bfloat16, above its error for residuals of up to 2 units."""
-
 
 class SDFMesh(Shape):
     """Signed distance network plus marching tetrahedra.
@@ -29,7 +26,7 @@ class SDFMesh(Shape):
         jitter: largest shift of the lattice along y and z during training, in cells.
         lipschitz: bound of the gradient norm assumed when blocks are discarded.
         coarse_cells: blocks along the longest axis to start from.
-        coarse_bf16: evaluate blocks larger than a cell in bfloat16.
+        coarse_bf16: evaluate in bfloat16 without gradient and repeat in full precision where that leaves a sign open.
         min_component_fraction: components with fewer than this share of the faces are dropped; 0 keeps all.
         eikonal_points: uniform points, and as many near the surface, of the Eikonal term.
         eikonal_spread: largest distance of the latter to a vertex per axis, world units.
@@ -125,8 +122,7 @@ class SDFMesh(Shape):
             offset,
             lipschitz=lipschitz,
             coarse_cells=self.coarse_cells,
-            coarse_sdf=field.coarse if self.coarse_bf16 else None,
-            coarse_margin=COARSE_BF16_MARGIN,
+            approximation=field.coarse if self.coarse_bf16 else None,
         )
         return BaseShape(verts, faces), stats
 
