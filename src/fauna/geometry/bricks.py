@@ -1,9 +1,8 @@
 """Marks at lattice points around a surface, stored in small cubes of cells so that nothing is as large as the lattice."""
 
-from itertools import product
-
+import numpy as np
 import torch
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 from torch import Tensor
 
 from fauna.geometry.lattice import BCCLattice
@@ -13,8 +12,6 @@ EDGE = 4
 
 POINTS = 2 * EDGE**3
 """Lattice points of a brick: the low corners of its cells, then their centres."""
-
-SIGNS = torch.tensor(list(product((-1, 1), repeat=3)))
 
 
 class Bricks:
@@ -26,11 +23,13 @@ class Bricks:
     Attributes:
         table: (brick of the box,) number of each brick, -1 where there is none.
         origins: (brick, 3) first cell of each brick.
+        grid: (6,) cells along the three axes of the lattice, then bricks; as the kernels want them.
     """
 
     def __init__(self, lattice: BCCLattice, device: torch.device) -> None:
         self.lattice = lattice
         self.counts = tuple(cells // EDGE + 1 for cells in lattice.shape)
+        self.grid = np.array((*lattice.shape, *self.counts))
         nx, ny, nz = self.counts
         self.table = torch.full((nx * ny * nz,), -1, device=device)
         self.origins = torch.empty(0, 3, dtype=torch.long, device=device)
@@ -39,12 +38,8 @@ class Bricks:
         """Numbers handed out: marks need so many entries."""
         return POINTS * len(self.origins)
 
-    def allocate(self, cells: Int[Tensor, "cell 3"]) -> None:
-        """Make room for the corners and the centres of cells and of all cells that touch them."""
-        limits = torch.tensor(self.lattice.shape, device=cells.device)
-        around = (cells[:, None] + SIGNS.to(cells.device)).clamp(min=torch.zeros_like(limits), max=limits)
-        wanted = torch.zeros_like(self.table, dtype=torch.bool)
-        wanted[self._place_in_box(around // EDGE)] = True
+    def allocate(self, wanted: Bool[Tensor, " box_brick"]) -> None:
+        """Add the bricks of the box that are ``wanted`` and not there yet."""
         fresh = (wanted & (self.table < 0)).nonzero()[:, 0]
         self.table[fresh] = len(self.origins) + torch.arange(len(fresh), device=fresh.device)
         _, ny, nz = self.counts
@@ -54,7 +49,7 @@ class Bricks:
     def corner_number(self, index: Int[Tensor, "*corner 3"]) -> Int[Tensor, "*corner"]:
         """Number of corners at grid positions (i, j, k); negative where no brick is allocated."""
         i, j, k = (index % EDGE).unbind(dim=-1)
-        return self.table[self._place_in_box(index // EDGE)] * POINTS + (i * EDGE + j) * EDGE + k
+        return self.table[self.place_in_box(index // EDGE)] * POINTS + (i * EDGE + j) * EDGE + k
 
     def centre_number(self, index: Int[Tensor, "*cell 3"]) -> Int[Tensor, "*cell"]:
         """Number of the centres of cells (i, j, k); negative where no brick is allocated."""
@@ -67,11 +62,8 @@ class Bricks:
         centre = numbers % POINTS >= POINTS // 2
         return 2 * (self.origins[numbers // POINTS] + index) + centre[:, None]
 
-    def cell_index(self, numbers: Int[Tensor, " cell"]) -> Int[Tensor, "cell 3"]:
-        """Inverse of :meth:`centre_number`."""
-        return self.half_steps(numbers) // 2
-
-    def _place_in_box(self, brick: Tensor) -> Tensor:
+    def place_in_box(self, brick: Int[Tensor, "*point 3"]) -> Int[Tensor, "*point"]:
+        """Index into ``table`` of bricks given by position."""
         _, ny, nz = self.counts
         i, j, k = brick.unbind(dim=-1)
         return (i * ny + j) * nz + k

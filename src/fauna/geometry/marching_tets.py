@@ -33,7 +33,7 @@ def tet_triangles(
         Triangles, counter-clockwise seen from outside, and the tetrahedron each one lies in. The first triangles of all
         tetrahedra come before the second ones.
     """
-    table = _case_table().to(inside.device)
+    table = case_table().to(inside.device)
     case = (inside * torch.tensor((1, 2, 4, 8), device=inside.device)).sum(dim=1)
     local = table[case]  # (tet, 2, 3)
     faces, tets = [], []
@@ -124,7 +124,7 @@ def drop_small_components(
 
 
 @cache
-def _case_table() -> Tensor:
+def case_table() -> Tensor:
     """(16, 2, 3) edges of the triangles for each inside pattern (bit i: corner i inside), -1 where there is none."""
     table = torch.full((16, 2, 3), -1)
     for bits in product((False, True), repeat=4):

@@ -1,15 +1,15 @@
 """Which cells of a lattice the surface passes through, found with few evaluations of the signed distance."""
 
 from collections.abc import Callable
-from itertools import product
 from math import ceil, log2, sqrt
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from fauna.geometry.band_ops import behind, bricks_around, child_blocks, half_steps, kept_blocks, surroundings
 from fauna.geometry.bricks import Bricks
-from fauna.geometry.lattice import BCCLattice, face_ring
+from fauna.geometry.lattice import BCCLattice
 
 SDF = Callable[[Tensor], Tensor]
 """Maps (point, 3) world coordinates to (point,) signed distances, > 0 inside, even in x."""
@@ -25,8 +25,6 @@ CALIBRATION_POINTS = 128
 
 CALIBRATION_SAFETY = 8.0
 """Its error is taken to be so many times the largest one seen there."""
-
-_CORNERS = torch.tensor(list(product((0, 1), repeat=3)))
 
 
 def in_chunks(sdf: SDF, points: Float[Tensor, "point 3"]) -> Float[Tensor, " point"]:
@@ -121,36 +119,27 @@ class NarrowBand:
         values = self.source.values(points)
         self.source.calibrate(points, values)
         while level > 0:
-            blocks = self._split(blocks[self._may_cross(blocks, 2**level, values, bound)], 2 ** (level - 1))
+            blocks = self._keep(blocks, 2**level, values, bound)
             level -= 1
+            blocks = child_blocks(blocks, 2**level, lattice)
             values = self.source.values(lattice.embed((2 * blocks + 1) * 2**level, self.offset))
-        cells = blocks[self._may_cross(blocks, 1, values, bound)]
+        cells = self._keep(blocks, 1, values, bound)
         self._make_room(cells)
         self._remember(blocks, values)
         self.active[self.bricks.centre_number(cells)] = True
         self._learn(cells)
 
-    def _may_cross(self, blocks: Tensor, size: int, values: Tensor, bound: float) -> Tensor:
-        """Whether blocks of ``size`` cells, with ``values`` at their centres, may hold a sign change."""
-        shape = torch.tensor(self.lattice.shape, device=blocks.device)
+    def _keep(self, blocks: Tensor, size: int, values: Tensor, bound: float) -> Tensor:
+        """Those blocks of ``size`` cells, with ``values`` at their centres, that may hold a sign change."""
         reach = bound * sqrt(3) / 2 * size * self.lattice.cell_size
-        at_border = ((blocks + 1) * size >= shape).any(1) | (blocks[:, 1:] == 0).any(1)
-        return (values.abs() <= reach + self.source.margin) | (at_border & (values > -self.source.margin))
-
-    def _split(self, blocks: Tensor, size: int) -> Tensor:
-        """The eight blocks of ``size`` cells inside each block, those beyond the box left out."""
-        shape = torch.tensor(self.lattice.shape, device=blocks.device)
-        blocks = (2 * blocks[:, None] + _CORNERS.to(blocks.device)).flatten(0, 1)
-        return blocks[(blocks * size < shape).all(1)]
+        return kept_blocks(blocks, values, size, reach, self.source.margin, self.lattice)
 
     def flood(self) -> int:
         """Activate neighbours behind faces the surface passes through until there is none; returns the rounds."""
-        rounds = 0
-        front = self.bricks.cell_index(self.active.nonzero()[:, 0])
+        rounds, front = 0, self.cells()
         while True:
-            fresh = torch.zeros_like(self.active)
-            fresh[torch.cat([self._behind(front, axis, side) for axis in range(3) for side in (0, 1)])] = True
-            front = self.bricks.cell_index(fresh.nonzero()[:, 0])
+            fresh = behind(front, self.bricks, self.inside, self.active)
+            front = self._cells_of(fresh)
             if len(front) == 0:
                 return rounds
             self.active |= fresh
@@ -158,23 +147,16 @@ class NarrowBand:
             self._learn(front)
             rounds += 1
 
-    def _behind(self, cells: Tensor, axis: int, side: int) -> Tensor:
-        """Centres of inactive neighbours across one face of ``cells`` that see the surface through it."""
-        neighbour = cells.clone()
-        neighbour[:, axis] += 2 * side - 1
-        rows = self.lattice.contains(neighbour).nonzero()[:, 0]
-        number = self.bricks.centre_number(neighbour[rows])
-        idle = ~self.active[number]
-        rows, number = rows[idle], number[idle]
-        ring = face_ring(axis).to(cells.device)
-        ring[:, axis] = side
-        corners = self.bricks.corner_number(cells[rows][:, None] + ring)
-        inside = self.inside[torch.cat((corners, number[:, None]), dim=1)]
-        return number[inside.any(1) & ~inside.all(1)]
+    def cells(self) -> Int[Tensor, "cell 3"]:
+        """Positions of the active cells."""
+        return self._cells_of(self.active)
+
+    def _cells_of(self, centres: Tensor) -> Tensor:
+        return half_steps(centres.nonzero()[:, 0], self.bricks) // 2
 
     def _make_room(self, cells: Tensor) -> None:
         """Extend the marks to all points :meth:`_learn` may ask for around ``cells``."""
-        self.bricks.allocate(cells)
+        self.bricks.allocate(bricks_around(cells, self.bricks))
         fresh = self.known.new_zeros(len(self.bricks) - len(self.known))
         self.known, self.inside, self.active = (torch.cat((m, fresh)) for m in (self.known, self.inside, self.active))
 
@@ -186,23 +168,12 @@ class NarrowBand:
             useful &= values.abs() > self.source.margin
         self._store(number[useful], 2 * cells[useful] + 1, values[useful])
 
-    def _surroundings(self, cells: Tensor) -> Int[Tensor, " point"]:
-        """Points needed to judge all tetrahedra of cells: their corners, their centre, the neighbours' centres."""
-        corners = self.bricks.corner_number(cells[:, None] + _CORNERS.to(cells.device)).flatten()
-        steps = torch.cat((torch.zeros(1, 3, dtype=torch.long), torch.eye(3, dtype=torch.long)))
-        steps = torch.cat((steps, -steps[1:])).to(cells.device)
-        around = (cells[:, None] + steps).flatten(0, 1)
-        around = around[self.lattice.contains(around)]
-        return torch.cat((corners, self.bricks.centre_number(around)))
-
     def _learn(self, cells: Tensor) -> None:
         """Evaluate what is not known yet around ``cells``."""
-        wanted = torch.zeros_like(self.known)
-        wanted[self._surroundings(cells)] = True
-        points = (wanted & ~self.known).nonzero()[:, 0]
-        half_steps = self.bricks.half_steps(points)
-        self._store(points, half_steps, self.source.signed(self.lattice.embed(half_steps, self.offset)))
+        points = (surroundings(cells, self.bricks) & ~self.known).nonzero()[:, 0]
+        steps = half_steps(points, self.bricks)
+        self._store(points, steps, self.source.signed(self.lattice.embed(steps, self.offset)))
 
-    def _store(self, points: Tensor, half_steps: Tensor, values: Tensor) -> None:
-        self.inside[points] = self.lattice.close(half_steps, values) > 0
+    def _store(self, points: Tensor, steps: Tensor, values: Tensor) -> None:
+        self.inside[points] = self.lattice.close(steps, values) > 0
         self.known[points] = True

@@ -21,8 +21,10 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fauna.errors import FaunaError
-from fauna.geometry.lattice import BCCLattice, ExplicitLattice, explicit_lattice, face_ring, face_tets
-from fauna.geometry.marching_tets import crossing_edges, interpolate_zeros, marching_tets, tet_triangles
+from fauna.geometry.band_march import HalfSurface, march
+from fauna.geometry.band_ops import half_steps
+from fauna.geometry.lattice import BCCLattice, ExplicitLattice, explicit_lattice
+from fauna.geometry.marching_tets import interpolate_zeros, marching_tets
 from fauna.geometry.narrow_band import SDF, NarrowBand, SignSource, in_chunks
 
 RETRY_LIPSCHITZ = 4.0
@@ -107,7 +109,7 @@ def extract_sparse(
             band = NarrowBand(source, lattice, offset)
             band.find_cells(bound, coarse_cells)
             rounds = band.flood()
-            surface = _march(band)
+            surface = march(band)
         evaluations, exact = evaluations + source.evaluations, exact + source.exact_evaluations
         mesh = None if surface is None else _attach_gradient(sdf, band, surface)
         if mesh is not None:
@@ -119,67 +121,7 @@ def extract_sparse(
     )
 
 
-@dataclass(frozen=True)
-class _Surface:
-    """Triangles of the half as places of their vertices.
-
-    Attributes:
-        ends: (vert, 2) points at the inner and outer ends of each vertex's edge, x >= 0, in the numbers of the bricks.
-        faces: (face, 3) triangles at x >= 0.
-        straddling: (face, 3) triangles across the plane, ``vert + i`` standing for the mirror image of vertex ``i``.
-    """
-
-    ends: Tensor
-    faces: Tensor
-    straddling: Tensor
-
-
-def _march(band: NarrowBand) -> _Surface | None:
-    """Triangles of the tetrahedra touching active cells; ``None`` when there are none."""
-    num_points = len(band.bricks)
-    one_sided, straddling = _mixed_tets(band)
-    inside = band.inside[one_sided]
-    faces, _ = tet_triangles(inside, crossing_edges(inside, one_sided, num_points))
-    inside = band.inside[straddling]
-    keys = crossing_edges(inside, straddling, num_points)
-    keys[:, 1:3] += num_points**2  # edges from the mirror image of a centre to the two corners on the plane
-    crossing, _ = tet_triangles(inside, keys)
-
-    places = torch.cat((faces, crossing))
-    if len(places) == 0:
-        return None
-    keys, vertex = torch.unique(places % num_points**2, return_inverse=True)
-    vertex = vertex + len(keys) * (places // num_points**2)
-    ends = torch.stack((keys // num_points, keys % num_points), dim=1)
-    return _Surface(ends, vertex[: len(faces)], vertex[len(faces) :])
-
-
-def _mixed_tets(band: NarrowBand) -> tuple[Tensor, Tensor]:
-    """(tet, 4) points of crossed tetrahedra touching active cells: those at x >= 0, those across the plane.
-
-    The latter start with the centre at x > 0 standing for its mirror image, then the centre itself.
-    """
-    bricks = band.bricks
-    active = bricks.cell_index(band.active.nonzero()[:, 0])
-    one_sided = []
-    for axis in range(3):
-        step = torch.eye(3, dtype=torch.long, device=active.device)[axis]
-        below = active - step
-        below = below[(below[:, axis] >= 0)]
-        below = below[~band.active[bricks.centre_number(below)]]
-        low = torch.cat((active[active[:, axis] + 1 < band.lattice.shape[axis]], below))
-        one_sided.append(face_tets(bricks, low, low + step, face_ring(axis).to(step.device) + step))
-    at_plane = active[active[:, 0] == 0]
-    straddling = face_tets(bricks, at_plane, at_plane, face_ring(0).to(active.device))
-    return _mixed(band, torch.cat(one_sided)), _mixed(band, straddling)
-
-
-def _mixed(band: NarrowBand, tets: Tensor) -> Tensor:
-    inside = band.inside[tets]
-    return tets[inside.any(1) & ~inside.all(1)]
-
-
-def _attach_gradient(sdf: SDF, band: NarrowBand, surface: _Surface) -> tuple[Tensor, Tensor, int] | None:
+def _attach_gradient(sdf: SDF, band: NarrowBand, surface: HalfSurface) -> tuple[Tensor, Tensor, int] | None:
     """Evaluate the end points with gradient, interpolate and mirror: vertices, faces, number of points.
 
     ``None`` when values contradict the signs that an approximation gave.
@@ -187,20 +129,21 @@ def _attach_gradient(sdf: SDF, band: NarrowBand, surface: _Surface) -> tuple[Ten
     lattice = band.lattice
     used = torch.zeros_like(band.known)
     used[surface.ends] = True
-    half_steps = band.bricks.half_steps(used.nonzero()[:, 0])
+    steps = half_steps(used.nonzero()[:, 0], band.bricks)
     row = (used.cumsum(0) - 1)[surface.ends]
-    positions = lattice.embed(half_steps, band.offset)
-    values = lattice.close(half_steps, in_chunks(sdf, positions))[row]
+    positions = lattice.embed(steps, band.offset)
+    values = lattice.close(steps, in_chunks(sdf, positions)).index_select(0, row.flatten()).view(-1, 2)
     if band.source.approximate and bool(
         (values.detach() * values.new_tensor((-1.0, 1.0)) > ROUND_OFF * lattice.cell_size).any()
     ):
         return None
     half = interpolate_zeros(positions[row], values)
 
-    off_plane = (half_steps[:, 0] > 0)[row].any(dim=1)
-    count = len(half)
-    image = torch.where(off_plane, count - 1 + off_plane.cumsum(0), torch.arange(count, device=half.device))
-    verts = torch.cat((half, half[off_plane] * half.new_tensor((-1.0, 1.0, 1.0))))
-    both = torch.cat((torch.arange(count, device=half.device), image))
+    off_plane = (steps[:, 0] > 0)[row].any(dim=1)
+    mirrored = off_plane.nonzero()[:, 0]
+    place = torch.arange(len(half), device=half.device)
+    image = torch.where(off_plane, len(half) - 1 + off_plane.cumsum(0), place)
+    verts = torch.cat((half, half.index_select(0, mirrored) * half.new_tensor((-1.0, 1.0, 1.0))))
+    both = torch.cat((place, image))
     faces = torch.cat((surface.faces, both[surface.straddling], image[surface.faces].flip(1)))
-    return verts, faces, len(half_steps)
+    return verts, faces, len(steps)
