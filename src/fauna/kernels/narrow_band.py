@@ -125,6 +125,17 @@ def mark_behind(cells, fresh, inside, active, table, grid, rings):
 
 
 @njit(cache=True)
+def _face_points(points, table, grid, rings, i, j, k, axis, thickness):
+    """Numbers of the centres on the two sides of a cell's high face and of the face's ring; ``thickness`` 0: its low face."""
+    a, b, c = thickness * (axis == 0), thickness * (axis == 1), thickness * (axis == 2)
+    points[0] = _centre(table, grid, i, j, k)
+    points[1] = _centre(table, grid, i + a, j + b, k + c)
+    for turn in range(4):
+        x, y, z = rings[axis, turn, 0], rings[axis, turn, 1], rings[axis, turn, 2]
+        points[2 + turn] = _corner(table, grid, i + a + x, j + b + y, k + c + z)
+
+
+@njit(cache=True)
 def _face_triangles(points, inside, mirrored, cases, pairs, inner, outer, count):
     """Append the triangles of the four tetrahedra of a face; ``points`` are its two centres and its ring."""
     total = 0
@@ -132,17 +143,15 @@ def _face_triangles(points, inside, mirrored, cases, pairs, inner, outer, count)
         total += inside[points[place]]
     if total == 0 or total == 6:
         return count
-    tet = np.empty(4, np.int64)
     for turn in range(4):
-        tet[0], tet[1], tet[2], tet[3] = points[0], points[1], points[2 + turn], points[2 + (turn + 1) % 4]
-        case = 0
-        for place in range(4):
-            case |= int(inside[tet[place]]) << place
+        third, fourth = points[2 + turn], points[2 + (turn + 1) % 4]
+        tet = (points[0], points[1], third, fourth)
+        case = inside[tet[0]] + 2 * inside[tet[1]] + 4 * inside[third] + 8 * inside[fourth]
         for triangle in range(2):
+            if cases[case, triangle, 0] < 0:
+                break
             for vertex in range(3):
                 edge = cases[case, triangle, vertex]
-                if edge < 0:
-                    break
                 first, second = tet[pairs[edge, 0]], tet[pairs[edge, 1]]
                 if not inside[first]:
                     first, second = second, first
@@ -159,31 +168,25 @@ def crossed_edges(cells, inside, active, table, grid, rings, cases, pairs):
     Those across the mirror plane come last, from the returned index on; there ``~outer`` stands for the mirror image of
     an edge.
     """
-    size = cells.shape[0]
-    inner, outer = np.empty(168 * size, np.int64), np.empty(168 * size, np.int64)
+    inner, outer = np.empty(168 * cells.shape[0], np.int64), np.empty(168 * cells.shape[0], np.int64)
     points = np.empty(6, np.int64)
     count = 0
-    for straddling in range(2):
-        split = count
-        for row in range(size):
-            for axis in range(1 if straddling else 3):
-                for side in range(1 if straddling else 2):
-                    step = np.zeros(3, np.int64)
-                    step[axis] = 1 - straddling
-                    i, j, k = cells[row] - side * step
-                    if straddling:
-                        if i > 0:
-                            continue
-                    elif side and (min(i, j, k) < 0 or active[_centre(table, grid, i, j, k)]):
-                        continue
-                    if not _in_box(grid, i + step[0], j + step[1], k + step[2]):
-                        continue
-                    points[0] = _centre(table, grid, i, j, k)
-                    points[1] = _centre(table, grid, i + step[0], j + step[1], k + step[2])
-                    for turn in range(4):
-                        x, y, z = rings[axis, turn] + step
-                        points[2 + turn] = _corner(table, grid, i + x, j + y, k + z)
-                    count = _face_triangles(points, inside, straddling == 1, cases, pairs, inner, outer, count)
+    for row in range(cells.shape[0]):
+        for axis in range(3):
+            for side in range(2):  # the cell's high face, then its low face where no active cell is behind it
+                i, j, k = cells[row, 0], cells[row, 1], cells[row, 2]
+                i, j, k = i - side * (axis == 0), j - side * (axis == 1), k - side * (axis == 2)
+                if min(i, j, k) < 0 or cells[row, axis] + 1 - side >= grid[axis]:
+                    continue
+                if side and active[_centre(table, grid, i, j, k)]:
+                    continue
+                _face_points(points, table, grid, rings, i, j, k, axis, 1)
+                count = _face_triangles(points, inside, False, cases, pairs, inner, outer, count)
+    split = count
+    for row in range(cells.shape[0]):
+        if cells[row, 0] == 0:
+            _face_points(points, table, grid, rings, 0, cells[row, 1], cells[row, 2], 0, 0)
+            count = _face_triangles(points, inside, True, cases, pairs, inner, outer, count)
     return inner[:count], outer[:count], split
 
 
