@@ -48,6 +48,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "schedule.best_fraction": SHARE,
     "schedule.lr_decay.factor": SHARE,
     "callbacks.nan_guard.patience": POSITIVE,
+    "callbacks.mesh_audit.every_n_steps": POSITIVE,
     "callbacks.preview.every_steps": POSITIVE,
     "callbacks.preview.num_photos": POSITIVE,
     "callbacks.preview.cell": (8, 4096),

@@ -69,7 +69,7 @@ def test_tetrahedra_tile_the_interior_once():
     triangles = torch.cat([explicit.tets[:, [i for i in range(4) if i != skip]] for skip in range(4)]).sort(1).values
     unique, count = torch.unique(triangles, dim=0, return_counts=True)
     assert count.max() == 2
-    border = LATTICE.border(explicit.points)
+    border = LATTICE.border(LATTICE.half_steps(explicit.points))
     assert border[unique[count == 1]].all()
     inner = ~border[unique].all(dim=1)
     assert (count[inner] == 2).all()
@@ -87,7 +87,7 @@ def test_lattice_is_mirror_symmetric():
 
 def test_closing_only_touches_the_border():
     points = torch.arange(LATTICE.num_corners + LATTICE.num_cells)
-    closed = LATTICE.close(points, torch.ones(len(points)))
-    assert torch.equal(closed < 0, LATTICE.border(points))
-    plane = (LATTICE.half_steps(points)[:, 0] == 0).nonzero()[:, 0]
-    assert not LATTICE.border(plane).all()
+    steps = LATTICE.half_steps(points)
+    closed = LATTICE.close(steps, torch.ones(len(points)))
+    assert torch.equal(closed < 0, LATTICE.border(steps))
+    assert not LATTICE.border(steps[steps[:, 0] == 0]).all()

@@ -215,7 +215,7 @@ def test_coarse_start_and_chunk_size_do_not_matter(monkeypatch):
     sdf = network_sdf(0.3)
     reference = canonical(*extract_sparse(sdf, lattice, OFFSET, **OPTIONS)[:2])
     for chunk, coarse_cells in ((97, 8), (4096, 4), (4096, 1000)):
-        monkeypatch.setattr(narrow_band, "CHUNK", chunk)
+        monkeypatch.setattr(narrow_band, "CPU_CHUNK", chunk)
         verts, faces = canonical(*extract_sparse(sdf, lattice, OFFSET, lipschitz=1.5, coarse_cells=coarse_cells)[:2])
         torch.testing.assert_close(verts, reference[0], rtol=0, atol=1e-5)
         assert faces == reference[1]
@@ -225,7 +225,7 @@ def test_bfloat16_blocks_give_the_same_mesh():
     lattice = BCCLattice(cell_size=5 / 26, half_extents=(2.0, 2.5, 2.5))
     sdf = network_sdf(0.3)
     reference = extract_sparse(sdf, lattice, OFFSET, **OPTIONS)
-    coarse = extract_sparse(sdf, lattice, OFFSET, **OPTIONS, coarse_sdf=sdf.coarse, coarse_margin=0.02)
+    coarse = extract_sparse(sdf, lattice, OFFSET, **OPTIONS, approximation=sdf.coarse)
     torch.testing.assert_close(coarse[0], reference[0], rtol=0, atol=0)
     assert torch.equal(coarse[1], reference[1])
 

@@ -10,6 +10,7 @@ the paper's 7 units have about as many points as its "256" grid, and so do 13 * 
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -83,6 +84,10 @@ class BCCLattice:
         _, ny, nz = self.shape
         return (index[..., 0] * (ny + 1) + index[..., 1]) * (nz + 1) + index[..., 2]
 
+    def centre_number(self, index: Int[Tensor, "*cell 3"]) -> Int[Tensor, "*cell"]:
+        """Number of the lattice point in the middle of the cells (i, j, k)."""
+        return self.cell_number(index) + self.num_corners
+
     def contains(self, index: Int[Tensor, "*cell 3"]) -> Bool[Tensor, "*cell"]:
         """Whether cell positions lie in the half box."""
         limits = torch.tensor(self.shape, device=index.device)
@@ -106,17 +111,16 @@ class BCCLattice:
         origin = torch.tensor((0, ny, nz), device=half_steps.device)
         return (half_steps - origin).to(offset.dtype) * (self.cell_size / 2) + offset
 
-    def border(self, points: Int[Tensor, " point"]) -> Bool[Tensor, " point"]:
+    def border(self, half_steps: Int[Tensor, "point 3"]) -> Bool[Tensor, " point"]:
         """Whether points bound the union of tetrahedra: corners on the box and centres of the cells along it."""
         nx, ny, nz = self.shape
-        steps = self.half_steps(points)
-        high = torch.tensor((2 * nx - 1, 2 * ny - 1, 2 * nz - 1), device=points.device)
-        return (steps >= high).any(dim=1) | (steps[:, 1:] <= 1).any(dim=1)
+        high = torch.tensor((2 * nx - 1, 2 * ny - 1, 2 * nz - 1), device=half_steps.device)
+        return (half_steps >= high).any(dim=1) | (half_steps[:, 1:] <= 1).any(dim=1)
 
-    def close(self, points: Int[Tensor, " point"], sdf: Float[Tensor, " point"]) -> Float[Tensor, " point"]:
+    def close(self, half_steps: Int[Tensor, "point 3"], sdf: Float[Tensor, " point"]) -> Float[Tensor, " point"]:
         """Signed distances made negative on the border, so that a surface leaving the box is closed there."""
         closed = sdf.clamp(max=-BORDER_DEPTH * self.cell_size)
-        return torch.where(self.border(points), closed, sdf)
+        return torch.where(self.border(half_steps), closed, sdf)
 
 
 @dataclass(frozen=True)
@@ -178,10 +182,25 @@ def explicit_lattice(lattice: BCCLattice) -> ExplicitLattice:
     )
 
 
-def face_tets(lattice: BCCLattice, low: Tensor, high: Tensor, ring: Tensor) -> Tensor:
+@runtime_checkable
+class Numbering(Protocol):
+    """Names lattice points by integers: a :class:`BCCLattice` all of them, ``Bricks`` those near a surface."""
+
+    def corner_number(self, index: Tensor) -> Tensor:
+        """Number of the corners at grid positions (i, j, k)."""
+        ...
+
+    def centre_number(self, index: Tensor) -> Tensor:
+        """Number of the centres of cells (i, j, k)."""
+        ...
+
+
+def face_tets(
+    numbering: Numbering, low: Int[Tensor, "face 3"], high: Int[Tensor, "face 3"], ring: Int[Tensor, "4 3"]
+) -> Int[Tensor, "tet 4"]:
     """Tetrahedra (low centre, high centre, ring t, ring t + 1) of the faces between two lists of cells."""
-    corners = lattice.corner_number(low[:, None] + ring)  # (face, 4)
-    centres = torch.stack((lattice.cell_number(low), lattice.cell_number(high)), dim=1) + lattice.num_corners
+    corners = numbering.corner_number(low[:, None] + ring)  # (face, 4)
+    centres = torch.stack((numbering.centre_number(low), numbering.centre_number(high)), dim=1)
     edges = torch.stack((corners, corners.roll(-1, dims=1)), dim=2)  # (face, 4, 2)
     return torch.cat((centres[:, None].expand(-1, 4, -1), edges), dim=2).flatten(0, 1)
 

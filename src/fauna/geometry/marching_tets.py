@@ -33,7 +33,7 @@ def tet_triangles(
         Triangles, counter-clockwise seen from outside, and the tetrahedron each one lies in. The first triangles of all
         tetrahedra come before the second ones.
     """
-    table = _case_table().to(inside.device)
+    table = case_table().to(inside.device)
     case = (inside * torch.tensor((1, 2, 4, 8), device=inside.device)).sum(dim=1)
     local = table[case]  # (tet, 2, 3)
     faces, tets = [], []
@@ -44,20 +44,24 @@ def tet_triangles(
     return torch.cat(faces), torch.cat(tets)
 
 
-def interpolate_zeros(
-    ends: Float[Tensor, "vert 2 3"], sdf: Float[Tensor, "vert 2"], first_inside: Bool[Tensor, " vert"]
-) -> Float[Tensor, "vert 3"]:
-    """Points between edge ends where the linear interpolant of the signed distance vanishes.
+def crossing_edges(inside: Bool[Tensor, "tet 4"], tets: Int[Tensor, "tet 4"], num_points: int) -> Int[Tensor, "tet 6"]:
+    """One number per edge, ``num_points * inner end + outer end``, in the order of ``TET_EDGES``.
 
-    ``first_inside`` says which end was found inside; values that contradict it by round-off count as zero there, so
-    that the result never leaves the edge.
+    Edges with both ends on one side get a number without meaning.
     """
-    tiny = torch.finfo(sdf.dtype).tiny
-    inner = torch.where(first_inside, sdf[:, 0], sdf[:, 1]).clamp(min=tiny)
-    outer = torch.where(first_inside, sdf[:, 1], sdf[:, 0]).clamp(max=0.0)
-    share = inner / (inner - outer)
-    share = torch.where(first_inside, share, 1 - share)[:, None]
-    return ends[:, 0] + share * (ends[:, 1] - ends[:, 0])
+    first, second = ([ends[side] for ends in TET_EDGES] for side in (0, 1))
+    straight = tets[:, first] * num_points + tets[:, second]
+    return torch.where(inside[:, first], straight, tets[:, second] * num_points + tets[:, first])
+
+
+def interpolate_zeros(ends: Float[Tensor, "vert 2 3"], sdf: Float[Tensor, "vert 2"]) -> Float[Tensor, "vert 3"]:
+    """Points between edge ends, the inner one first, where the linear interpolant of the signed distance vanishes.
+
+    Values that contradict their side by round-off count as zero there, so that the result never leaves the edge.
+    """
+    inner = sdf[:, :1].clamp(min=torch.finfo(sdf.dtype).tiny)
+    outer = sdf[:, 1:].clamp(max=0.0)
+    return ends[:, 0] + inner / (inner - outer) * (ends[:, 1] - ends[:, 0])
 
 
 def marching_tets(
@@ -65,7 +69,7 @@ def marching_tets(
 ) -> tuple[Float[Tensor, "vert 3"], Int[Tensor, "face 3"]]:
     """Zero level of a signed distance given at the corners of tetrahedra.
 
-    Vertices are ordered by (lower, higher) end point of their edge. Nothing as large as the mesh is sorted, only the
+    Vertices are ordered by (inner, outer) end point of their edge. Nothing as large as the mesh is sorted, only the
     edges of tetrahedra that the surface crosses. A mesh of (0, 3) arrays comes back when the surface is empty.
 
     Args:
@@ -76,10 +80,8 @@ def marching_tets(
     occupied = sdf > 0
     count = occupied[tets].sum(dim=1)
     tets = tets[(count > 0) & (count < 4)]
-    pairs = torch.tensor(TET_EDGES, device=tets.device)
-    ends = tets[:, pairs].sort(dim=2).values  # (tet, 6, 2)
-    keys = ends[..., 0] * len(verts) + ends[..., 1]
-    faces, tet = tet_triangles(occupied[tets], keys)
+    inside = occupied[tets]
+    faces, tet = tet_triangles(inside, crossing_edges(inside, tets, len(verts)))
 
     corners = verts.detach()[tets]
     negative = torch.linalg.det(corners[:, 1:] - corners[:, :1]) < 0
@@ -87,7 +89,7 @@ def marching_tets(
 
     keys, faces = torch.unique(faces, return_inverse=True)
     ends = torch.stack((keys // len(verts), keys % len(verts)), dim=1)
-    return interpolate_zeros(verts[ends], sdf[ends], occupied[ends[:, 0]]), faces
+    return interpolate_zeros(verts[ends], sdf[ends]), faces
 
 
 def face_components(faces: Int[Tensor, "face 3"], num_verts: int) -> Int[Tensor, " face"]:
@@ -122,7 +124,7 @@ def drop_small_components(
 
 
 @cache
-def _case_table() -> Tensor:
+def case_table() -> Tensor:
     """(16, 2, 3) edges of the triangles for each inside pattern (bit i: corner i inside), -1 where there is none."""
     table = torch.full((16, 2, 3), -1)
     for bits in product((False, True), repeat=4):

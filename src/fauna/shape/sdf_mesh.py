@@ -14,9 +14,6 @@ from fauna.shape.base import Shape
 from fauna.shape.sdf_mlp import SDFField, SDFNetwork
 from fauna.types import BaseShape
 
-COARSE_BF16_MARGIN = 0.02
-"""World units added to the bound of blocks evaluated in bfloat16, above its error for residuals of up to 2 units."""
-
 
 class SDFMesh(Shape):
     """Signed distance network plus marching tetrahedra.
@@ -29,7 +26,7 @@ class SDFMesh(Shape):
         jitter: largest shift of the lattice along y and z during training, in cells.
         lipschitz: bound of the gradient norm assumed when blocks are discarded.
         coarse_cells: blocks along the longest axis to start from.
-        coarse_bf16: evaluate blocks larger than a cell in bfloat16.
+        coarse_bf16: evaluate in bfloat16 without gradient and repeat in full precision where that leaves a sign open.
         min_component_fraction: components with fewer than this share of the faces are dropped; 0 keeps all.
         eikonal_points: uniform points, and as many near the surface, of the Eikonal term.
         eikonal_spread: largest distance of the latter to a vertex per axis, world units.
@@ -92,7 +89,7 @@ class SDFMesh(Shape):
         Raises:
             EmptyMeshError: when the signed distance has no zero level in the box.
         """
-        base, stats = self._extract(self.sdf(embedding), self._offset(generator), self.lipschitz)
+        base, stats = self._extract(self.sdf(embedding), self._offset(generator))
         verts, faces = drop_small_components(base.verts, base.faces, self.min_component_fraction)
         return BaseShape(verts, faces), stats
 
@@ -110,23 +107,26 @@ class SDFMesh(Shape):
 
     @torch.no_grad()
     def audit(self, embedding: Float[Tensor, " value_chan"], generator: torch.Generator | None) -> int:
-        """Components missed by the Lipschitz bound, against a bound of 4 on the same lattice."""
+        """Components missed by the Lipschitz bound, against a bound of 4 in full precision on the same lattice."""
         field, offset = self.sdf(embedding), self._offset(generator)
-        counts = []
-        for lipschitz in (self.lipschitz, max(self.lipschitz, RETRY_LIPSCHITZ)):
-            base, _ = self._extract(field, offset, lipschitz)
-            counts.append(int(face_components(base.faces, len(base.verts)).max()) + 1)
-        return counts[1] - counts[0]
+        quick, _ = self._extract(field, offset)
+        verts, faces, _ = extract_sparse(
+            field,
+            self.lattice,
+            offset,
+            lipschitz=max(self.lipschitz, RETRY_LIPSCHITZ),
+            coarse_cells=self.coarse_cells,
+        )
+        return _count_components(verts, faces) - _count_components(quick.verts, quick.faces)
 
-    def _extract(self, field: SDFField, offset: Tensor, lipschitz: float) -> tuple[BaseShape, ExtractionStats]:
+    def _extract(self, field: SDFField, offset: Tensor) -> tuple[BaseShape, ExtractionStats]:
         verts, faces, stats = extract_sparse(
             field,
             self.lattice,
             offset,
-            lipschitz=lipschitz,
+            lipschitz=self.lipschitz,
             coarse_cells=self.coarse_cells,
-            coarse_sdf=field.coarse if self.coarse_bf16 else None,
-            coarse_margin=COARSE_BF16_MARGIN,
+            approximation=field.coarse if self.coarse_bf16 else None,
         )
         return BaseShape(verts, faces), stats
 
@@ -140,3 +140,7 @@ class SDFMesh(Shape):
     def _signed_uniform(self, generator: torch.Generator, count: int) -> Tensor:
         """(count, 3) uniform in [-1, 1), drawn on the CPU so that devices agree."""
         return torch.rand(count, 3, generator=generator).to(self.sdf.radii) * 2 - 1
+
+
+def _count_components(verts: Tensor, faces: Tensor) -> int:
+    return int(face_components(faces, len(verts)).max()) + 1

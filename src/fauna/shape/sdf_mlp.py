@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from jaxtyping import Float
@@ -38,16 +39,22 @@ class SDFField:
         return self._prior(points) + self.residual_scale * self.residual(points)
 
     def coarse(self, points: Float[Tensor, "point 3"]) -> Float[Tensor, " point"]:
-        """The same with the network in bfloat16."""
-        with torch.autocast(points.device.type, dtype=torch.bfloat16):
-            residual = self.residual(points)
-        return self._prior(points) + self.residual_scale * residual.to(points.dtype)
+        """The same without gradient, the network in bfloat16: a third of the time at width 256."""
+        in_weight, in_bias, *weights = self._bfloat16
+        hidden = F.linear(self.embedding(_fold(points)).bfloat16(), in_weight, in_bias)
+        for weight in weights:
+            hidden = F.linear(hidden.relu_(), weight)
+        return self._prior(points) + self.residual_scale * hidden[:, 0].to(points.dtype)
+
+    @cached_property
+    def _bfloat16(self) -> list[Tensor]:
+        return [tensor.detach().bfloat16() for tensor in (self.in_weight, self.in_bias, *self.weights)]
 
     def residual(self, points: Float[Tensor, "point 3"]) -> Float[Tensor, " point"]:
         """The network alone, not scaled."""
         hidden = F.linear(self.embedding(_fold(points)), self.in_weight, self.in_bias)
         for weight in self.weights:
-            hidden = F.linear(F.relu(hidden), weight)
+            hidden = F.linear(hidden.relu_(), weight)  # in place: backward needs the result only
         return hidden[:, 0]
 
     def gradient(self, points: Float[Tensor, "point 3"]) -> Float[Tensor, "point 3"]:
