@@ -248,7 +248,9 @@ def test_longest_chain_is_that_of_the_bone_tree():
         return 0 if bone < 0 else 1 + chain(parents[bone])
 
     assert max(map(chain, range(20))) <= MAX_CHAIN
-    tallest = Skeleton(torch.zeros(1, 20, 3), torch.ones(1, 20, 3), torch.tensor([[-1, *range(MAX_CHAIN - 1)] + [-1] * 13]))
+    tallest = Skeleton(
+        torch.zeros(1, 20, 3), torch.ones(1, 20, 3), torch.tensor([[-1, *range(MAX_CHAIN - 1)] + [-1] * 13])
+    )
     angles = random_angles(1).float()
     expected = torch.eye(4)
     for bone in range(MAX_CHAIN):  # of one bone after the other
