@@ -17,6 +17,7 @@ from fauna.encoder.base import Encoder
 from fauna.encoder.embedder import ImageEmbedder
 from fauna.encoder.feature_space import FeatureSpace
 from fauna.geometry.rig import Rig
+from fauna.geometry.rows import per_row
 from fauna.losses.objective import compared_pixels
 from fauna.random import Draws
 from fauna.renderer.base import Renderer
@@ -177,17 +178,11 @@ class FaunaModel(nn.Module):
         camera: Camera,
     ) -> tuple[Skeleton | None, Pose | None, PosedMesh]:
         """Rest bones, their predicted angles and the skinned mesh of each row; the rest mesh while articulation is off."""
-        photo = selection.photo
-        per_row = instance if instance.verts.shape[0] == 1 else InstanceShape(instance.verts[photo])
         if not self.stage.articulation:
-            verts = per_row.verts.expand(photo.shape[0], -1, -1)
-            return None, None, PosedMesh(verts, base.faces, base.verts)
+            return None, None, PosedMesh(per_row(instance.verts, len(selection.photo)), base.faces, base.verts)
         skeleton = self.rig.rest(instance, legs_attached=self.stage.legs_attached)
-        bones = skeleton if skeleton.starts.shape[0] == 1 else skeleton.rows(photo)
-        pose = self.articulation(
-            features.rows(photo), embedding.geometry[photo], bones, camera, leg_limits=self.stage.leg_limits
-        )
-        return skeleton, pose, self.rig.pose(base, per_row, bones, pose)
+        pose = self.articulation(features, embedding.geometry, skeleton, camera, leg_limits=self.stage.leg_limits)
+        return skeleton, pose, self.rig.pose(base, instance, skeleton, pose)
 
     def set_stage(self, stage: Stage) -> None:
         """Switch parts on or off; called by the schedule callback and when weights are loaded."""

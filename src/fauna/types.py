@@ -177,7 +177,7 @@ class Hypotheses:
 
 @dataclass(frozen=True)
 class Selection:
-    """Which hypotheses are rendered, one entry per row.
+    """Which hypotheses are rendered, one entry per row; photo-major, equally many rows for every photo.
 
     Attributes:
         photo: (row,) index into the batch.

@@ -96,12 +96,30 @@ def test_a_skeleton_of_each_row_equals_a_shared_one():
     )
 
 
+def test_rows_of_a_photo_take_its_features_embedding_and_bones():
+    net = network()
+    features, geometry, skeleton, _ = inputs(rows=2, skeletons=2)
+    camera = make_camera(rotation_y(torch.arange(6.0)), 0.3 * torch.ones(6, 3), fov_deg=25.0, distance=10.0)
+    photo = torch.tensor([0, 0, 0, 1, 1, 1])
+    repeated = net(features.rows(photo), geometry[photo], skeleton.rows(photo), camera, leg_limits="early").angles
+    shared = net(features, geometry, skeleton, camera, leg_limits="early").angles
+    torch.testing.assert_close(shared, repeated, atol=1e-6, rtol=1e-4)
+
+
+def test_photos_have_equally_many_rows():
+    features, geometry, skeleton, camera = inputs()
+    fewer = torch.tensor([0, 1])
+    with pytest.raises(ValueError, match="3 rows of 2 photos"):
+        network()(features.rows(fewer), geometry[fewer], skeleton, camera, leg_limits="early")
+
+
 def test_local_features_are_those_under_the_bone():
-    features, _, skeleton, camera = inputs()
+    _, _, skeleton, camera = inputs()
     centres = (torch.arange(8) + 0.5) / 4 - 1
     rows, columns = torch.meshgrid(centres, centres, indexing="ij")
     ramp = torch.stack((columns, rows, columns, rows, rows)).expand(3, -1, -1, -1)  # the value IS the position
-    sampled = network().sample_keys(Features(features.global_, ramp, ramp), skeleton, camera)
+    starts, ends = skeleton.starts.expand(3, -1, -1), skeleton.ends.expand(3, -1, -1)
+    sampled = network().sample_keys(ramp, starts, ends, camera)
     places = torch.stack((0.5 * (skeleton.starts + skeleton.ends), skeleton.ends), dim=2).flatten(1, 2)
     ndc = project(places, camera).unflatten(1, (20, 2))
     inside = (ndc.abs() < 0.85).all(-1)
@@ -112,7 +130,7 @@ def test_local_features_are_those_under_the_bone():
 def test_positions_are_in_the_camera_frame_and_about_unit_size():
     _, _, skeleton, _ = inputs()
     camera = make_camera(torch.eye(3)[None], torch.zeros(1, 3), fov_deg=25.0, distance=10.0)
-    positions = network().positions(skeleton, camera)
+    positions = network().positions(skeleton.starts, skeleton.ends, camera)
     torch.testing.assert_close(positions[..., 2:5], skeleton.starts * 2 / 7)
     torch.testing.assert_close(positions[..., 5:8], skeleton.ends * 2 / 7)
     torch.testing.assert_close(positions[0, [0, 19], 8], torch.tensor([-0.95, 0.95]))

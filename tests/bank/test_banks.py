@@ -88,6 +88,26 @@ def test_gradient_reaches_chosen_slots_only():
     assert torch.equal(bank.keys.grad.abs().sum(1) > 0, chosen)
 
 
+def test_semantic_bank_gradients():
+    bank = semantic(num_slots=7, top_k=3, num_value_prototypes=None).double()
+    inputs = (query(2).double().requires_grad_(), bank.keys, bank.values)
+
+    def embedding(query, keys, values):
+        return torch.func.functional_call(bank, {"keys": keys, "values": values}, (query, None)).embedding
+
+    assert torch.autograd.gradcheck(embedding, inputs)
+
+
+def test_nothing_of_the_size_of_a_large_bank_is_kept_for_the_backward_pass():
+    kept = []
+    bank = semantic(num_slots=10_000)
+    with torch.autograd.graph.saved_tensors_hooks(lambda tensor: kept.append(tensor) or tensor, lambda tensor: tensor):
+        bank(query(), None)
+    own = {parameter.data_ptr() for parameter in bank.parameters()}
+    assert kept
+    assert max(tensor.numel() for tensor in kept if tensor.data_ptr() not in own) <= 4 * 5 * 9
+
+
 @pytest.mark.parametrize("name", ["num_slots", "top_k", "num_value_prototypes"])
 def test_counts_must_be_positive(name):
     with pytest.raises(FaunaError, match=f"bank.{name} must be >= 1, got 0"):

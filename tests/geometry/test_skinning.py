@@ -8,7 +8,7 @@ from torch.autograd import gradcheck
 
 from fauna.errors import FaunaError
 from fauna.geometry.rotations import euler_xyz_to_matrix
-from fauna.geometry.skeleton import SkeletonOptions, rest_skeleton
+from fauna.geometry.skeleton import MAX_CHAIN, SkeletonOptions, rest_skeleton
 from fauna.geometry.skinning import (
     bone_transforms,
     posed_bones,
@@ -199,6 +199,65 @@ def test_one_bone_with_all_weight_turns_rigidly_about_its_start():
     moved = skin(torch.tensor([[[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]), torch.ones(1, 2, 1), transforms)
     torch.testing.assert_close(moved[0, 1], torch.tensor([0.0, 1.0, 0.0]))
     torch.testing.assert_close(moved[0, 0].abs(), torch.tensor([0.0, 1.0, 1.0]), atol=1e-6, rtol=0)
+
+
+def test_rows_of_a_photo_share_its_mesh_weights_and_bones():
+    verts = mesh(2)
+    skeleton, angles = skeleton_of(verts), random_angles(6)
+    photo = torch.tensor([0, 0, 0, 1, 1, 1])
+    weights = skinning_weights(verts, skeleton, temperature=0.3, distance="euclidean")
+    transforms = bone_transforms(skeleton, angles)
+    torch.testing.assert_close(transforms, bone_transforms(skeleton.rows(photo), angles))
+    torch.testing.assert_close(posed_bones(skeleton, transforms), posed_bones(skeleton.rows(photo), transforms))
+    torch.testing.assert_close(skin(verts, weights, transforms), skin(verts[photo], weights[photo], transforms))
+    with pytest.raises(ValueError, match="5 rows of 2 photos"):
+        skin(verts, weights, transforms[:5])
+
+
+@pytest.mark.parametrize("instances", [1, 2])
+@pytest.mark.parametrize("shared_weights", [True, False])
+def test_gradients_of_shared_and_own_meshes(instances, shared_weights):
+    verts = mesh(instances)[:, :5].requires_grad_()
+    skeleton = skeleton_of(mesh(instances))
+    weights = skinning_weights(verts.detach(), skeleton, temperature=0.3, distance="euclidean")
+    transforms = bone_transforms(skeleton, random_angles(4)).requires_grad_()
+    weights = weights[:1] if shared_weights else weights
+    assert gradcheck(lambda v, t: skin(v, weights, t), (verts, transforms))
+
+
+def test_blocks_of_vertices_change_nothing(monkeypatch):
+    verts = mesh(2).requires_grad_()
+    skeleton, angles = skeleton_of(verts), random_angles(4).requires_grad_()
+
+    def results():
+        weights = skinning_weights(verts, skeleton, temperature=0.3, distance="euclidean")
+        out = skin(verts, weights, bone_transforms(skeleton, angles))
+        return weights, out, *torch.autograd.grad((out * out.detach().cos()).sum(), (verts, angles))
+
+    whole = results()
+    monkeypatch.setattr("fauna.geometry.blend._CPU_BLOCK", 1)
+    monkeypatch.setattr("fauna.geometry.blend._CPU_VERTS", 7)  # 60 vertices: nine blocks, the last one smaller
+    for found, expected in zip(results(), whole, strict=True):
+        torch.testing.assert_close(found, expected)
+
+
+def test_longest_chain_is_that_of_the_bone_tree():
+    parents = skeleton_of(mesh(1)).parents[0].tolist()
+
+    def chain(bone: int) -> int:
+        return 0 if bone < 0 else 1 + chain(parents[bone])
+
+    assert max(map(chain, range(20))) <= MAX_CHAIN
+    tallest = Skeleton(
+        torch.zeros(1, 20, 3), torch.ones(1, 20, 3), torch.tensor([[-1, *range(MAX_CHAIN - 1)] + [-1] * 13])
+    )
+    angles = random_angles(1).float()
+    expected = torch.eye(4)
+    for bone in range(MAX_CHAIN):  # of one bone after the other
+        alone = torch.zeros_like(angles)
+        alone[:, bone] = angles[:, bone]
+        expected = expected @ bone_transforms(tallest, alone)[0, bone]
+    torch.testing.assert_close(bone_transforms(tallest, angles)[0, MAX_CHAIN - 1], expected, atol=1e-5, rtol=1e-4)
 
 
 def test_gradients():

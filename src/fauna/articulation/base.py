@@ -15,7 +15,7 @@ class Articulation(nn.Module, ABC):
     def forward(
         self,
         features: Features,
-        geometry: Float[Tensor, "row geometry_chan"],
+        geometry: Float[Tensor, "batch geometry_chan"],
         skeleton: Skeleton,
         camera: Camera,
         *,
@@ -24,9 +24,9 @@ class Articulation(nn.Module, ABC):
         """Bone rotations.
 
         Args:
-            features: of each row's photo.
-            geometry: geometry embedding of each row's photo.
-            skeleton: rest bones, of each row or one for all.
-            camera: of each row; receives no gradient.
+            features: of each photo.
+            geometry: geometry embedding of each photo.
+            skeleton: rest bones, of each photo or one for all.
+            camera: of each row, photo-major; receives no gradient.
             leg_limits: a name of :data:`fauna.articulation.constraints.LEG_LIMITS`.
         """

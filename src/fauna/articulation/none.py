@@ -13,11 +13,11 @@ class NoArticulation(Articulation):
     def forward(
         self,
         features: Features,
-        geometry: Float[Tensor, "row geometry_chan"],
+        geometry: Float[Tensor, "batch geometry_chan"],
         skeleton: Skeleton,
         camera: Camera,
         *,
         leg_limits: str,
     ) -> Pose:
         """All angles zero."""
-        return Pose(geometry.new_zeros(geometry.shape[0], skeleton.starts.shape[1], 3))
+        return Pose(geometry.new_zeros(camera.camera_from_world.shape[0], skeleton.starts.shape[1], 3))

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Literal
 
 import torch
@@ -13,6 +14,8 @@ from fauna.articulation.base import Articulation
 from fauna.articulation.constraints import angle_limits
 from fauna.errors import FaunaError
 from fauna.geometry.camera import project, transform_points
+from fauna.geometry.constants import constant
+from fauna.geometry.rows import per_row, rows_per_item
 from fauna.geometry.skeleton import NUM_BONES
 from fauna.networks import HarmonicEmbedding
 from fauna.types import Camera, Features, Pose, Skeleton
@@ -99,7 +102,7 @@ class ArticulationTransformer(Articulation):
     def forward(
         self,
         features: Features,
-        geometry: Float[Tensor, "row geometry_chan"],
+        geometry: Float[Tensor, "batch geometry_chan"],
         skeleton: Skeleton,
         camera: Camera,
         *,
@@ -107,40 +110,55 @@ class ArticulationTransformer(Articulation):
     ) -> Pose:
         """Bone rotations; gradient reaches the geometry embedding and this network only."""
         camera = Camera(camera.camera_from_world.detach(), camera.clip_from_world.detach())
-        image = self.normalize_global(geometry)[:, None].expand(-1, NUM_BONES, -1)
-        local = self.normalize_local(self.project_local(self.sample_keys(features, skeleton, camera)))
-        position = self.embedding(self.positions(skeleton, camera))
-        tokens = torch.cat((image, local.flatten(2), position), dim=-1)
+        rows = camera.camera_from_world.shape[0]
+        starts, ends = per_row(skeleton.starts, rows), per_row(skeleton.ends, rows)
+        image = per_row(self.normalize_global(geometry), rows)
+        local = self.normalize_local(self.project_local(self.sample_keys(features.keys, starts, ends, camera)))
+        position = self.embedding(self.positions(starts, ends, camera))
+        tokens = torch.cat((image[:, None].expand(-1, NUM_BONES, -1), local.flatten(2), position), dim=-1)
         if self.bone_index != "concat":
             tokens = tokens + self.index_code
         output = self.out_layer(self.blocks(self.in_layer(tokens)))
-        limits = angle_limits(leg_limits, max_angle_deg=self.max_angle_deg, body_twist_deg=self.body_twist_deg)
-        return Pose(torch.tanh(self.output_gain * output) * limits.to(output))
+        limits = _limits(leg_limits, self.max_angle_deg, self.body_twist_deg)
+        return Pose(torch.tanh(self.output_gain * output) * constant(limits, output))
 
     @torch.no_grad()
     def sample_keys(
-        self, features: Features, skeleton: Skeleton, camera: Camera
+        self,
+        keys: Float[Tensor, "batch chan grid_height grid_width"],
+        starts: Float[Tensor, "row bone 3"],
+        ends: Float[Tensor, "row bone 3"],
+        camera: Camera,
     ) -> Float[Tensor, "row bone place chan"]:
         """Keys under the local points of the rest bones, bilinear, zero outside of the photo.
 
-        A linear projection commutes with bilinear sampling, so keys are sampled first and projected afterwards.
+        A linear projection commutes with bilinear sampling, so keys are sampled first and projected afterwards. All
+        rows of a photo are sampled together: the map of a photo is not repeated.
         """
-        places = torch.lerp(skeleton.starts[:, :, None], skeleton.ends[:, :, None], self.local_points[:, None])
-        ndc = project(places.flatten(1, 2), camera).unflatten(1, places.shape[1:3])
-        sampled = F.grid_sample(features.keys, ndc, mode="bilinear", padding_mode="zeros", align_corners=False)
-        return sampled.permute(0, 2, 3, 1)
+        places = torch.lerp(starts[:, :, None], ends[:, :, None], self.local_points[:, None])
+        ndc = project(places.flatten(1, 2), camera)  # (row, bone place, 2)
+        photos = ndc.unflatten(0, (keys.shape[0], rows_per_item(ndc.shape[0], keys.shape[0])))
+        sampled = F.grid_sample(keys, photos, mode="bilinear", padding_mode="zeros", align_corners=False)
+        return sampled.permute(0, 2, 3, 1).reshape(*places.shape[:3], -1)
 
     @torch.no_grad()
-    def positions(self, skeleton: Skeleton, camera: Camera) -> Float[Tensor, "row bone position"]:
+    def positions(
+        self, starts: Float[Tensor, "row bone 3"], ends: Float[Tensor, "row bone 3"], camera: Camera
+    ) -> Float[Tensor, "row bone position"]:
         """Image position of the bone's middle, scaled start and end in the camera frame, and the index unless added."""
-        middle = project(0.5 * (skeleton.starts + skeleton.ends), camera)
-        joints = torch.cat((skeleton.starts, skeleton.ends), dim=1)
-        joints = transform_points(joints, camera.camera_from_world[:, :3])
-        joints = (joints + joints.new_tensor((0.0, 0.0, self.camera_distance))) * self.position_scale
+        middle = project(0.5 * (starts + ends), camera)
+        joints = transform_points(torch.cat((starts, ends), dim=1), camera.camera_from_world[:, :3])
+        joints = (joints + constant((0.0, 0.0, self.camera_distance), joints)) * self.position_scale
         parts = [middle, *joints.chunk(2, dim=1)]
         if self.bone_index != "add":
             parts.append(self.index_code.expand(middle.shape[0], -1, -1))
         return torch.cat(parts, dim=-1)
+
+
+@lru_cache(maxsize=64)
+def _limits(leg_limits: str, max_angle_deg: float, body_twist_deg: float) -> tuple[tuple[float, ...], ...]:
+    limits = angle_limits(leg_limits, max_angle_deg=max_angle_deg, body_twist_deg=body_twist_deg)
+    return tuple(map(tuple, limits.tolist()))
 
 
 class _Block(nn.Module):

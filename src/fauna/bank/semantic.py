@@ -1,7 +1,7 @@
 """The Semantic Bank of Skinned Models (Sec. 3.1, Eq. 1, with the top-k of the supplement, "Network Architectures")."""
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 from torch.nn import functional as F
 
@@ -52,12 +52,22 @@ class SemanticBank(Bank):
         self.values = nn.Parameter(values[torch.arange(num_slots) % prototypes])
 
     def forward(self, query: Float[Tensor, "batch global_chan"], category: int | None) -> BankReadout:
-        """Mix the values of the most similar slots; ``category`` is ignored."""
-        cosine = F.normalize(query, dim=-1) @ F.normalize(self.keys, dim=-1).T  # (batch, K)
-        similarity, slots = cosine.topk(self.top_k, dim=-1)  # descending
-        weights = F.normalize(similarity, p=1.0, dim=-1)
-        dense = torch.zeros_like(cosine).scatter(1, slots, weights)
-        return BankReadout(dense @ self.values, weights, slots)
+        """Mix the values of the most similar slots; ``category`` is ignored.
+
+        All slots are only compared; what is differentiated are the chosen ones, so that nothing of the size of the
+        bank is kept for the backward pass.
+        """
+        query = F.normalize(query, dim=-1)
+        slots = self._most_similar(query)
+        keys = F.normalize(F.embedding(slots, self.keys), dim=-1)  # (batch, top_k, query_dim)
+        weights = F.normalize((keys @ query[..., None])[..., 0], p=1.0, dim=-1)
+        return BankReadout((weights[:, None] @ F.embedding(slots, self.values))[:, 0], weights, slots)
+
+    @torch.no_grad()
+    def _most_similar(self, query: Float[Tensor, "batch query_dim"]) -> Int[Tensor, "batch top_k"]:
+        """Slots of the largest cosines, in descending order."""
+        length = torch.linalg.vector_norm(self.keys, dim=-1).clamp_min(1e-12)
+        return ((query @ self.keys.T) / length).topk(self.top_k, dim=-1).indices
 
 
 def _require_positive(**counts: int) -> None:

@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fauna.geometry.constants import constant
 from fauna.types import Camera
 
 NEAR = 0.1
@@ -22,11 +23,13 @@ def clip_from_camera(fov_deg: float, near: float, far: float) -> Float[Tensor, "
         near: distance of the near plane, world units.
         far: distance of the far plane, world units.
     """
+    return torch.tensor(_projection(fov_deg, near, far))
+
+
+def _projection(fov_deg: float, near: float, far: float) -> tuple[tuple[float, ...], ...]:
     focal = 1.0 / math.tan(math.radians(fov_deg) / 2)
     depth, offset = -(far + near) / (far - near), -2 * far * near / (far - near)
-    return torch.tensor(
-        [[focal, 0.0, 0.0, 0.0], [0.0, -focal, 0.0, 0.0], [0.0, 0.0, depth, offset], [0.0, 0.0, -1.0, 0.0]]
-    )
+    return ((focal, 0.0, 0.0, 0.0), (0.0, -focal, 0.0, 0.0), (0.0, 0.0, depth, offset), (0.0, 0.0, -1.0, 0.0))
 
 
 def make_camera(
@@ -40,11 +43,11 @@ def make_camera(
         fov_deg: angle of view, degrees.
         distance: nominal distance of the object, world units.
     """
-    place = translation - translation.new_tensor((0.0, 0.0, distance))
+    place = translation - constant((0.0, 0.0, distance), translation)
     upper = torch.cat((rotation, place[..., None]), dim=-1)  # (row, 3, 4)
-    bottom = upper.new_tensor((0.0, 0.0, 0.0, 1.0)).expand(*upper.shape[:-2], 1, 4)
+    bottom = constant((0.0, 0.0, 0.0, 1.0), upper).expand(*upper.shape[:-2], 1, 4)
     camera_from_world = torch.cat((upper, bottom), dim=-2)
-    return Camera(camera_from_world, clip_from_camera(fov_deg, NEAR, FAR).to(upper) @ camera_from_world)
+    return Camera(camera_from_world, constant(_projection(fov_deg, NEAR, FAR), upper) @ camera_from_world)
 
 
 def to_clip(

@@ -27,7 +27,14 @@ class Rig:
         return rest_skeleton(instance.verts.detach(), options=self.skeleton, legs_attached=legs_attached)
 
     def pose(self, base: BaseShape, instance: InstanceShape, skeleton: Skeleton, pose: Pose) -> PosedMesh:
-        """Linear blend skinning of each row; ``instance`` and ``skeleton`` have one entry per row, or one for all."""
+        """Linear blend skinning of each row.
+
+        Args:
+            base: gives the faces.
+            instance: rest mesh of each photo, or one for all. Skinning weights are computed per mesh, not per row.
+            skeleton: rest bones of each photo, or one for all.
+            pose: bone angles of each row; rows are photo-major.
+        """
         weights = skinning_weights(
             instance.verts.detach(), skeleton, temperature=self.skin_temperature, distance=self.skin_distance
         )

@@ -8,8 +8,26 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional as F
 
+from fauna.geometry.constants import constant
+
 _PARALLEL = 1e-6
 """Sine of the angle below which a direction counts as parallel to the vertical."""
+
+_ON_AXES = tuple(float(place in (0, 13, 26)) for place in range(27))
+"""What does not depend on the angle in the flattened matrices about x, y and z."""
+
+_COSINES = ((4, 8), (9, 17), (18, 22))
+"""Places of the angle's cosine in the three flattened matrices, for each axis."""
+
+_SINES = ((7, 5), (11, 15), (21, 19))
+"""Places of its sine and of the negative sine."""
+
+_FROM_TURNS = tuple(
+    tuple(float(place in axis) for axis in _COSINES)
+    + tuple(float(place == plus) - float(place == minus) for plus, minus in _SINES)
+    for place in range(27)
+)
+"""(27, 6) matrix from three cosines and three sines to the flattened matrices."""
 
 
 def euler_xyz_to_matrix(angles: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
@@ -18,20 +36,16 @@ def euler_xyz_to_matrix(angles: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*ba
     Args:
         angles: radians.
     """
-    (cx, cy, cz), (sx, sy, sz) = angles.cos().unbind(-1), angles.sin().unbind(-1)
-    rows = (
-        (cy * cz, -cy * sz, sy),
-        (cx * sz + sx * sy * cz, cx * cz - sx * sy * sz, -sx * cy),
-        (sx * sz - cx * sy * cz, sx * cz + cx * sy * sz, cx * cy),
-    )
-    return torch.stack([torch.stack(row, dim=-1) for row in rows], dim=-2)
+    turns = torch.cat((angles.cos(), angles.sin()), dim=-1)
+    about_axes = F.linear(turns, constant(_FROM_TURNS, angles), constant(_ON_AXES, angles))  # exact: one term is not 0
+    about_x, about_y, about_z = about_axes.unflatten(-1, (3, 3, 3)).unbind(-3)
+    return about_x @ about_y @ about_z
 
 
 def rotation_y(angle: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3 3"]:
     """Rotation about the vertical axis; a positive angle (radians) turns +z towards +x."""
     cos, sin, zero, one = angle.cos(), angle.sin(), torch.zeros_like(angle), torch.ones_like(angle)
-    rows = ((cos, zero, sin), (zero, one, zero), (-sin, zero, cos))
-    return torch.stack([torch.stack(row, dim=-1) for row in rows], dim=-2)
+    return torch.stack((cos, zero, sin, zero, one, zero, -sin, zero, cos), dim=-1).unflatten(-1, (3, 3))
 
 
 def look_at_rotation(forward: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3 3"]:
@@ -47,7 +61,7 @@ def look_at_rotation(forward: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batc
     x, _, z = forward.unbind(-1)
     right = torch.stack((z, torch.zeros_like(x), -x), dim=-1)  # e_y x forward
     parallel = (right.detach().norm(dim=-1) < _PARALLEL)[..., None]
-    right = F.normalize(torch.where(parallel, forward.new_tensor((1.0, 0.0, 0.0)), right), dim=-1)
+    right = F.normalize(torch.where(parallel, constant((1.0, 0.0, 0.0), forward), right), dim=-1)
     return torch.stack((right, torch.linalg.cross(forward, right), forward), dim=-1)
 
 

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from fauna.errors import FaunaError
+from fauna.geometry.constants import constant, constant_index
 from fauna.types import Skeleton
 
 NUM_BODY_BONES = 8
@@ -27,6 +29,10 @@ MIRRORED_LEG = (3, 2, 1, 0)
 _BODY_STARTS = (1, 2, 3, 4, 7, 6, 5, 4)
 _BODY_ENDS = (0, 1, 2, 3, 8, 7, 6, 5)
 _BODY_PARENTS = (1, 2, 3, -1, 5, 6, 7, -1)
+_LEG_PARENTS = tuple(NUM_BODY_BONES + BONES_PER_LEG * leg + bone for leg in range(NUM_LEGS) for bone in (1, 2))
+
+MAX_CHAIN = 4 + BONES_PER_LEG
+"""Bones on the longest way from a root: half a spine and a leg."""
 
 
 @dataclass(frozen=True)
@@ -81,11 +87,12 @@ def rest_skeleton(verts: Float[Tensor, "batch vert 3"], *, options: SkeletonOpti
     Returns:
         Skeleton without gradient. The two halves of the spine are straight and their bones equally long within a half.
     """
-    verts = verts.detach()
+    verts = verts.detach().transpose(1, 2).contiguous().transpose(1, 2)  # every axis by itself is read often
     spine = _spine_joints(verts, options)
     feet = _feet(verts, spine, options)
     attachment = _attachment(spine, feet, options)
-    body_starts, body_ends = spine[:, list(_BODY_STARTS)], spine[:, list(_BODY_ENDS)]
+    body_starts = spine.index_select(1, constant_index(_BODY_STARTS, spine))
+    body_ends = spine.index_select(1, constant_index(_BODY_ENDS, spine))
     hips = body_ends.gather(1, attachment[..., None].expand(-1, -1, 3))
     joints = _interpolate(feet, hips, BONES_PER_LEG + 1)  # (batch, leg, 4, 3) from foot to hip
     leg_starts, leg_ends = joints[:, :, 1:].flatten(1, 2), joints[:, :, :-1].flatten(1, 2)
@@ -100,7 +107,7 @@ def _interpolate(
     start: Float[Tensor, "*batch 3"], end: Float[Tensor, "*batch 3"], number: int
 ) -> Float[Tensor, "*batch number 3"]:
     """Equally spaced points from start to end, both included."""
-    steps = torch.linspace(0.0, 1.0, number, dtype=start.dtype, device=start.device)[:, None]
+    steps = constant(tuple((step / (number - 1),) for step in range(number)), start)
     return torch.lerp(start[..., None, :], end[..., None, :], steps)
 
 
@@ -109,11 +116,11 @@ def _spine_joints(verts: Float[Tensor, "batch vert 3"], options: SkeletonOptions
     mean = verts.mean(dim=1)
     z = verts[..., 2]
     high = verts[..., 1] > mean[:, 1:2] - options.body_height
-    front = z.masked_fill(~high, -torch.inf).argmax(dim=1)
-    rear = z.masked_fill(~high, torch.inf).argmin(dim=1)
-    flat = verts.new_tensor((0.0, 1.0, 1.0))
+    front = torch.where(high, z, -torch.inf).argmax(dim=1)
+    rear = torch.where(high, z, torch.inf).argmin(dim=1)
+    flat = constant((0.0, 1.0, 1.0), verts)
     front_end, rear_end = _take(verts, front) * flat, _take(verts, rear) * flat
-    middle = mean * flat + mean.new_tensor((0.0, options.centre_lift, 0.0))
+    middle = mean * flat + constant((0.0, options.centre_lift, 0.0), mean)
     return torch.cat((_interpolate(front_end, middle, 5), _interpolate(middle, rear_end, 5)[:, 1:]), dim=1)
 
 
@@ -122,7 +129,7 @@ def _feet(
 ) -> Float[Tensor, "batch leg 3"]:
     """Lowest vertex of each leg's quadrant; if empty, of its quarter of the mesh; if empty, a point below the spine."""
     x, y, z = verts.unbind(-1)
-    low = y <= torch.quantile(y, options.foot_quantile, dim=1, keepdim=True)
+    low = y <= masked_quantiles(y, None, (options.foot_quantile,))
     spread_x = masked_quantiles(x, low, (0.05, 0.5, 0.95))
     spread_z = masked_quantiles(z, low, (0.05, 0.5, 0.95))
     origin_x, origin_z = spread_x[:, 1:2], spread_z[:, 1:2]
@@ -131,16 +138,26 @@ def _feet(
         origin_x, origin_z = (x * share).sum(dim=1, keepdim=True), (z * share).sum(dim=1, keepdim=True)
     margin_x = options.margin * (spread_x[:, 2:] - spread_x[:, :1])
     margin_z = options.margin * (spread_z[:, 2:] - spread_z[:, :1])
-    side_x, side_z = verts.new_tensor(LEG_SIDE_X)[:, None], verts.new_tensor(LEG_SIDE_Z)[:, None]
-    out_x, out_z = side_x * (x - origin_x)[:, None], side_z * (z - origin_z)[:, None]  # (batch, leg, vert)
-    gap_z = torch.where(side_z > 0, margin_z[:, None], torch.zeros_like(margin_z)[:, None])  # only in front
-    foot, found = _lowest(verts, (out_x > margin_x[:, None]) & (out_z > gap_z))
-    foot_quarter, found_quarter = _lowest(verts, (side_x * x[:, None] > 0) & (out_z > 0))
+    x_out, z_out = x - origin_x, z - origin_z
+    front, rear = z_out > margin_z, z_out < 0  # a gap only in front
+    foot, found = _lowest(verts, _quadrants(x_out > margin_x, x_out < -margin_x, front, rear))
+    foot_quarter, found_quarter = _lowest(verts, _quadrants(x > 0, x < 0, z_out > 0, rear))
     below = torch.where(found_quarter[..., None], foot_quarter, _points_below(verts, spine))
     feet = torch.where(found[..., None], foot, below)
     if options.symmetric_feet:
-        feet = 0.5 * (feet + feet[:, list(MIRRORED_LEG)] * verts.new_tensor((-1.0, 1.0, 1.0)))
+        other = feet.index_select(1, constant_index(MIRRORED_LEG, feet)) * constant((-1.0, 1.0, 1.0), feet)
+        feet = 0.5 * (feet + other)
     return feet
+
+
+def _quadrants(
+    left: Bool[Tensor, "batch vert"],
+    right: Bool[Tensor, "batch vert"],
+    front: Bool[Tensor, "batch vert"],
+    rear: Bool[Tensor, "batch vert"],
+) -> Bool[Tensor, "batch leg vert"]:
+    """Vertices on the side (left = +x) and at the end (front = +z) of each leg."""
+    return torch.stack((left & front, left & rear, right & rear, right & front), dim=1)
 
 
 def _points_below(
@@ -149,8 +166,8 @@ def _points_below(
     """At a quarter of the width, at the height of the lowest vertex, below the middle of each half-spine."""
     lowest, highest = verts.amin(dim=1), verts.amax(dim=1)
     quarter = 0.25 * (highest[:, :1] - lowest[:, :1])
-    x = quarter * verts.new_tensor(LEG_SIDE_X)
-    z = torch.where(verts.new_tensor(LEG_SIDE_Z) > 0, spine[:, 2, 2:], spine[:, 6, 2:])
+    x = quarter * constant(LEG_SIDE_X, verts)
+    z = torch.where(constant(LEG_SIDE_Z, verts) > 0, spine[:, 2, 2:], spine[:, 6, 2:])
     return torch.stack((x, lowest[:, 1:2].expand_as(x), z), dim=-1)
 
 
@@ -159,41 +176,50 @@ def _attachment(
 ) -> Int[Tensor, "batch leg"]:
     """Body bone at whose end each leg hangs; the centre joint is no bone's end and so never taken."""
     if not isinstance(options.attachment, str):
-        return torch.tensor(list(options.attachment), device=feet.device).expand(feet.shape[0], -1)
-    ends = spine[:, list(_BODY_ENDS), 2]  # (batch, body bone)
+        return constant_index(tuple(options.attachment), feet).expand(feet.shape[0], -1)
+    ends = spine[..., 2].index_select(1, constant_index(_BODY_ENDS, spine))  # (batch, body bone)
     nearest = (ends[:, None] - feet[:, :2, 2:]).abs().argmin(dim=-1)  # legs 0 and 1
-    return nearest[:, [0, 1, 1, 0]]
+    return torch.cat((nearest, nearest.flip(1)), dim=1)
 
 
 def _parents(attachment: Int[Tensor, "batch leg"], legs_attached: bool) -> Int[Tensor, "batch bone"]:
     """Parent of every bone, -1 at a root."""
-    body = torch.tensor(_BODY_PARENTS, device=attachment.device).expand(attachment.shape[0], -1)
+    body = constant_index(_BODY_PARENTS, attachment).expand(attachment.shape[0], -1)
+    legs = constant_index(_LEG_PARENTS, attachment).expand(attachment.shape[0], -1).unflatten(1, (NUM_LEGS, 2))
     hips = attachment if legs_attached else torch.full_like(attachment, -1)
-    feet = NUM_BODY_BONES + BONES_PER_LEG * torch.arange(NUM_LEGS, device=attachment.device).expand_as(attachment)
-    legs = torch.stack((feet + 1, feet + 2, hips), dim=-1)
-    return torch.cat((body, legs.flatten(1)), dim=1)
+    return torch.cat((body, torch.cat((legs, hips[..., None]), dim=-1).flatten(1)), dim=1)
 
 
 def _take(verts: Float[Tensor, "batch vert 3"], index: Int[Tensor, " batch"]) -> Float[Tensor, "batch 3"]:
-    return verts[torch.arange(verts.shape[0], device=verts.device), index]
+    return verts.gather(1, index[:, None, None].expand(-1, 1, 3))[:, 0]
 
 
 def _lowest(
     verts: Float[Tensor, "batch vert 3"], mask: Bool[Tensor, "batch leg vert"]
 ) -> tuple[Float[Tensor, "batch leg 3"], Bool[Tensor, "batch leg"]]:
     """Lowest vertex of each masked set, and whether the set has any."""
-    height = verts[:, None, :, 1].masked_fill(~mask, torch.inf)
-    index = height.argmin(dim=-1)
-    return verts.gather(1, index[..., None].expand(-1, -1, 3)), mask.any(dim=-1)
+    height = torch.where(mask, verts[:, None, :, 1], torch.inf)
+    index = height.argmin(dim=-1, keepdim=True)
+    return verts.gather(1, index.expand(-1, -1, 3)), mask.gather(-1, index)[..., 0]
 
 
 def masked_quantiles(
-    values: Float[Tensor, "batch vert"], mask: Bool[Tensor, "batch vert"], quantiles: Sequence[float]
+    values: Float[Tensor, "batch vert"], mask: Bool[Tensor, "batch vert"] | None, quantiles: tuple[float, ...]
 ) -> Float[Tensor, "batch quantile"]:
-    """Linearly interpolated quantiles over the masked entries of each item; at least one per item."""
-    ordered = values.masked_fill(~mask, torch.inf).sort(dim=1).values
-    last = mask.sum(dim=1, keepdim=True) - 1
-    place = last * values.new_tensor(quantiles)  # (batch, quantile), fractional ranks
+    """Linearly interpolated quantiles over the masked entries of each item, at least one; ``None`` = over all."""
+    if mask is None:
+        last = torch.full_like(values[:, :1], values.shape[1] - 1, dtype=torch.int64)
+    else:
+        values, last = torch.where(mask, values, torch.inf), mask.sum(dim=1, keepdim=True) - 1
+    ordered = _ascending(values)
+    place = last * constant(quantiles, values)  # (batch, quantile), fractional ranks
     below = place.floor().long()
     above = torch.minimum(below + 1, last)
     return torch.lerp(ordered.gather(1, below), ordered.gather(1, above), place - below)
+
+
+def _ascending(values: Float[Tensor, "batch vert"]) -> Float[Tensor, "batch vert"]:
+    """Each row sorted. ``torch.sort`` also returns the order, which makes it 30 times slower than numpy on a CPU."""
+    if values.device.type != "cpu":
+        return values.sort(dim=1).values
+    return torch.from_numpy(np.sort(values.numpy(), axis=1))
