@@ -161,7 +161,9 @@ def main(argv: Sequence[str] | None = None) -> list[dict[str, Any]]:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=9)
     parser.add_argument("--json", type=Path, help="also write the rows to this file")
-    parser.add_argument("--overrides", nargs="*", default=[], help="further Hydra overrides, e.g. encoder.dtype=bfloat16")
+    parser.add_argument(
+        "--overrides", nargs="*", default=[], help="further Hydra overrides, e.g. encoder.dtype=bfloat16"
+    )
     args = parser.parse_args(argv)
     if args.smoke:
         args.resolutions, args.repeats, args.threads = [32], 2, 1
