@@ -157,6 +157,18 @@ def test_back_views_follow_the_ordinary_photos(monkeypatch):
     assert batch.names == tuple(photo.name for photo in expected)
 
 
+def test_batches_for_a_gpu_are_page_locked_throughout(monkeypatch):
+    locked = []
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.Tensor, "pin_memory", lambda tensor: locked.append(tensor) or tensor.clone())
+    module = data("data.prefetch_steps=0")
+    batch = steps(module, steps=1)[0][0]
+    assert len(locked) == len(tensors(batch))
+    assert batch.features.keys is batch.features.tokens
+    monkeypatch.undo()
+    assert_equal_bits(content([batch]), content(steps(module, steps=1)[0]))
+
+
 def test_validation_photos_are_those_of_the_split():
     module = data()
     names = [batch[0].names[0] for batch in module.val_dataloader()]

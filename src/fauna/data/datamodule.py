@@ -88,9 +88,6 @@ class PhotoDataModule(LightningDataModule):
         prefetch_workers: int | None,
     ) -> None:
         super().__init__()
-        for key, value in {"batch_size": batch_size, "accumulate": accumulate, "fit_photos": fit_photos}.items():
-            if value < 1:
-                raise FaunaError(f"data.{key}: expected a whole number >= 1, got {value}; e.g. data.{key}=6")
         self.source = source
         self.split: Split = split
         self.split_file = split_file
@@ -129,15 +126,15 @@ class PhotoDataModule(LightningDataModule):
             FaunaError: when the dataset is missing, empty, or (``on_bad=error``) broken.
         """
         self.seed = seed
-        default = default_cache_root() / "splits" / f"{self.source.identity}.json"
-        path = Path(self.split_file) if self.split_file else default
+        cache, identity = default_cache_root(), self.source.identity
+        path = Path(self.split_file) if self.split_file else cache / "splits" / f"{identity}.json"
         listed = self.source.categories()
         if self.on_bad == "skip":
             listed = screen_categories(
                 listed,
                 size=self.loader.image_size,
                 valid_margin=self.loader.valid_margin,
-                index=default_cache_root() / "screened" / f"{self.source.identity}.txt",
+                index=cache / "screened" / f"{identity}.txt",
                 workers=self.fill_workers,
             )
         val, test = self.sizes
