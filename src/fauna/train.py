@@ -54,6 +54,7 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     from fauna.build import build_encoder, build_model, build_schedule, build_system, check_encoder
     from fauna.configuration import validate
     from fauna.io.run_folder import check_fits, claim_folder, report_changes, resume_path, write_json
+    from fauna.threads import describe_cpu
 
     validate(cfg)
     resume = resume_path(cfg.resume, folder)
@@ -69,6 +70,7 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     callbacks = [_make(node, given) for node in cfg.callbacks.values() if node is not None]
     loggers = [_make(node, given) for node in cfg.logger.values() if node is not None]
     trainer = _make(cfg.trainer, {**given, "callbacks": callbacks, "logger": loggers})
+    print(f"encoder {encoder.name}, {encoder.input_size} px, {encoder.dtype}; CPU: {describe_cpu()}")
     data.prepare(seed=cfg.seed, report=print)
     if resume is not None:
         check_fits(resume, system.state_dict())

@@ -72,8 +72,11 @@ class Batch:
     def to(self, device: torch.device) -> "Batch":
         """The same on another device."""
         values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
-        moved = {name: value.to(device) for name, value in values.items() if isinstance(value, (Tensor, Features))}
-        return replace(self, **moved)
+        moved = {
+            name: value.to(device, non_blocking=True) for name, value in values.items() if isinstance(value, Tensor)
+        }
+        features = None if self.features is None else self.features.to(device)
+        return replace(self, **moved, features=features)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Batches as a function of seed and step."""
 
-from dataclasses import fields
+import threading
+from dataclasses import fields, replace
 
 import pytest
 import torch
@@ -9,9 +10,10 @@ from fauna.bank.category import CategoryBank
 from fauna.build import build_encoder
 from fauna.configuration import validate
 from fauna.data.datamodule import PhotoDataModule
+from fauna.data.species_sampler import BatchPlan, SpeciesSampler
 from fauna.errors import FaunaError
 from fauna.types import Batch
-from tests.runs import assert_equal_bits, composed, tiny
+from tests.runs import assert_equal_bits, composed, draw_dataset, tiny
 
 
 class FakeTrainer:
@@ -89,6 +91,82 @@ def test_mirrored_photos_are_mirrored_throughout():
 
 def test_memory_budget_changes_nothing():
     assert_equal_bits(content(steps(data())[4]), content(steps(data("data.memory_megabytes=0"))[4]))
+
+
+@pytest.mark.parametrize(("ahead", "workers"), [(1, 1), (3, 1), (3, 4), (50, 2)])
+def test_preparing_ahead_changes_nothing(ahead, workers):
+    here = steps(data("data.prefetch_steps=0", "data.accumulate=2"), start=3)
+    module = data(f"data.prefetch_steps={ahead}", f"data.prefetch_workers={workers}", "data.accumulate=2")
+    assert module.ahead > 0
+    for one, other in zip(here, steps(module, start=3), strict=True):
+        assert_equal_bits(content(one), content(other))
+
+
+def test_prepared_steps_count_towards_the_memory_budget():
+    limits = (0, 1, 50)
+    modules = [data(f"data.memory_megabytes={limit}", "data.prefetch_steps=1000") for limit in limits]
+    for module, limit in zip(modules, limits, strict=True):
+        size = sum(tensor.nbytes for tensor in tensors(steps(module, steps=1)[0][0]))
+        assert size == module.batch_size * module.loader.bytes_per_photo()
+        if module.ahead:
+            assert (module.ahead + 1) * size <= 5e5 * limit < (module.ahead + 2) * size
+            assert (
+                sum(each.size() for each in module.loader._pixels.values()) <= 1e6 * limit - (module.ahead + 1) * size
+            )
+    assert [module.ahead > 0 for module in modules] == [False, True, True]
+
+
+def tensors(batch: Batch) -> list[torch.Tensor]:
+    maps = [batch.images, batch.masks, batch.distance_inside, batch.distance_outside, batch.valid]
+    return [*maps, batch.features.global_, batch.features.tokens]
+
+
+def test_a_broken_photo_stops_training_with_its_own_message(tmp_path):
+    root = draw_dataset(tmp_path / "blobs", train=2)
+    module = data(f"data.root={root}", "data.prefetch_steps=3", "data.memory_megabytes=50")
+    module.trainer = FakeTrainer()
+    batches = iter(module.train_dataloader())
+    next(batches)
+    module.loader._pixels.clear()
+    for path in root.rglob("*_mask.png"):
+        path.write_bytes(b"")
+    with pytest.raises(FaunaError, match="_mask.png expects a readable image") as caught:
+        list(batches)
+    assert "\n" not in str(caught.value)
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("fauna")]
+
+
+def test_back_views_follow_the_ordinary_photos(monkeypatch):
+    module = data("data.prefetch_steps=0")
+    pools = module.by_category
+    for name, pool in pools.items():
+        pools[name] = replace(pool, train=pool.train[:3], back_views=pool.train[3:])
+    sampler = SpeciesSampler(
+        photos_per_category=[3, 3],
+        back_views_per_category=[1, 1],
+        batch_size=3,
+        micro_batches=1,
+        flip_probability=0.5,
+        seed=0,
+    )
+    monkeypatch.setattr(
+        sampler, "batch", lambda step, index: BatchPlan(1, photos=(0, 3, 2), flips=(False, True, False))
+    )
+    batch = module.step_batches(0, sampler, 0)[0]
+    expected = [pools["round"].train[0], pools["round"].back_views[0], pools["round"].train[2]]
+    assert batch.names == tuple(photo.name for photo in expected)
+
+
+def test_batches_for_a_gpu_are_page_locked_throughout(monkeypatch):
+    locked = []
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.Tensor, "pin_memory", lambda tensor: locked.append(tensor) or tensor.clone())
+    module = data("data.prefetch_steps=0")
+    batch = steps(module, steps=1)[0][0]
+    assert len(locked) == len(tensors(batch))
+    assert batch.features.keys is batch.features.tokens
+    monkeypatch.undo()
+    assert_equal_bits(content([batch]), content(steps(module, steps=1)[0]))
 
 
 def test_validation_photos_are_those_of_the_split():

@@ -40,8 +40,11 @@ class CountingEncoder(TinyEncoder):
         self.keys_are_tokens = keys_are_tokens
         self.calls = 0
 
-    def _encode(self, images):
+    def forward(self, images):
         self.calls += 1
+        return super().forward(images)
+
+    def _encode(self, images):
         features = super()._encode(images)
         if self.keys_are_tokens:
             return features

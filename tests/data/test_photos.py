@@ -11,7 +11,7 @@ from fauna.data.crop_box import CropBox, read_box, valid_mask
 from fauna.data.distance import distance_maps
 from fauna.data.feature_map import decode_feature_map, encode_feature_map, read_feature_map
 from fauna.data.flip import flip_keypoints, flip_photo
-from fauna.data.photos import FileSource, Photo, load_photo, resize_image, resize_mask, screen_photos
+from fauna.data.photos import FileSource, Photo, load_photo, resize_image, resize_mask
 from fauna.errors import FaunaError
 
 
@@ -190,22 +190,6 @@ def test_bad_photos_are_named(tmp_path, how):
     with pytest.raises(FaunaError, match=BREAKAGES[how]) as caught:
         load_photo(photo, size=8, valid_margin=0.02)
     assert "\n" not in str(caught.value)
-
-
-def test_screening_skips_and_counts_or_raises(tmp_path):
-    good = [write_photo(tmp_path / str(i), seed=i)[0] for i in range(3)]
-    bad = [break_photo(tmp_path / how, how) for how in ("cut image", "empty mask")]
-    photos = [good[0], bad[0], good[1], bad[1], good[2]]
-    settings = {"size": 8, "valid_margin": 0.02}
-    with pytest.warns(UserWarning, match="skipped 2 of 5 photos") as caught:
-        screening = screen_photos(photos, **settings, on_bad="skip")
-    assert len(caught) == 1
-    assert screening.photos == tuple(good)
-    assert [name for name, _ in screening.rejected] == ["a", "a"]
-    with pytest.raises(FaunaError, match="readable image"):
-        screen_photos(photos, **settings, on_bad="error")
-    with pytest.raises(FaunaError, match="at least one usable photo of 2, got none"):
-        screen_photos(bad, **settings, on_bad="skip")
 
 
 # --- distances, mirroring, feature maps ------------------------------------------------------------------------------

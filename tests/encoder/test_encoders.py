@@ -26,7 +26,7 @@ def images() -> torch.Tensor:
     return torch.rand(2, 3, 56, 56, generator=torch.Generator().manual_seed(0))
 
 
-def tiny_vit(kind: str) -> FrozenViT:
+def tiny_vit(kind: str, dtype: str = "float32") -> FrozenViT:
     transformers = pytest.importorskip("transformers")
     torch.manual_seed(0)
     sizes = {"hidden_size": 24, "num_hidden_layers": 2, "num_attention_heads": 3}
@@ -40,7 +40,8 @@ def tiny_vit(kind: str) -> FrozenViT:
         nn.init.normal_(parameter, std=0.3)
     nn.init.ones_(model.layernorm.weight)
     nn.init.zeros_(model.layernorm.bias)
-    return FrozenViT(name=kind, model=model, input_size=56, mean=(0.5,) * 3, std=(0.25,) * 3, forward_options=options)
+    colours = {"mean": (0.5,) * 3, "std": (0.25,) * 3}
+    return FrozenViT(name=kind, model=model, input_size=56, **colours, dtype=dtype, forward_options=options)
 
 
 def tiny_encoder(seed: int = 0) -> TinyEncoder:
@@ -111,6 +112,15 @@ def test_photos_do_not_influence_each_other(encoder):
     assert not torch.allclose(both.tokens[0], both.tokens[1], atol=1e-3)
 
 
+def test_company_in_a_batch_does_not_change_a_bit(encoder):
+    images = batch_for(encoder, 5)
+    together = encoder(images)
+    alone = [encoder(image[None]) for image in images]
+    for name in ("global_", "tokens", "keys"):
+        assert torch.equal(getattr(together, name), torch.cat([getattr(each, name) for each in alone]))
+    assert (together.keys is together.tokens) == encoder.keys_are_tokens
+
+
 def test_wrong_image_size_is_named(encoder):
     with pytest.raises(FaunaError, match=r"got 40x40; resize them or set encoder\.input_size"):
         encoder(torch.zeros(1, 3, 40, 40))
@@ -154,6 +164,7 @@ def test_keys_equal_those_the_last_attention_uses(kind, images):
     ]
     if projection is not None:
         hooks.append(projection.register_forward_pre_hook(lambda _, args: contexts.append(args[0])))
+    images = images[:1]
     features = encoder(images)
     for hook in hooks:
         hook.remove()
@@ -183,11 +194,33 @@ def test_tokens_and_class_token_come_after_the_final_norm(kind, images):
     features = encoder(images)
     options = encoder.forward_options
     with torch.no_grad():
-        hidden = encoder.network(pixel_values=(images - 0.5) / 0.25, **options).last_hidden_state
+        pixels = (images - 0.5) / 0.25
+        hidden = torch.cat([encoder.network(pixel_values=each[None], **options).last_hidden_state for each in pixels])
     assert torch.equal(features.global_, hidden[:, 0])
     assert torch.equal(features.tokens[:, :, 2, 3], hidden[:, 1 + 2 * encoder.grid_size + 3])
     assert torch.allclose(hidden.mean(-1), torch.zeros_like(hidden[..., 0]), atol=1e-4)
     assert torch.allclose(hidden.std(-1, correction=0), torch.ones_like(hidden[..., 0]), atol=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["vit", "dinov2"])
+def test_bfloat16_transformer_is_close_and_returns_float32(kind, images):
+    exact, coarse = tiny_vit(kind), tiny_vit(kind, "bfloat16")
+    a, b = exact(images), coarse(images)
+    for name in ("global_", "tokens", "keys"):
+        assert getattr(b, name).dtype == torch.float32
+        assert nn.functional.cosine_similarity(getattr(a, name), getattr(b, name), dim=1).mean() > 0.98
+    assert exact.fingerprint != coarse.fingerprint
+
+
+@pytest.mark.parametrize("kind", ["vit", "dinov2"])
+def test_one_forward_pass_per_photo_with_fused_attention(kind, images):
+    encoder = tiny_vit(kind)
+    calls = []
+    handle = encoder.network.register_forward_hook(lambda *_: calls.append(1))
+    encoder(images)
+    handle.remove()
+    assert calls == [1] * len(images)
+    assert encoder.network.config._attn_implementation == "sdpa"
 
 
 def test_no_hook_is_left_behind(images):

@@ -167,3 +167,26 @@ def test_unfitted_or_unfittable_is_an_error():
         space.fit([(features, torch.zeros_like(masks))])
     with pytest.raises(FaunaError, match="expects 1..6 components"):
         make(num_components=7)
+
+
+def test_loading_unfitted_statistics_is_noticed_although_it_was_fitted():
+    space, empty = make(), make()
+    features, masks = random_features(10, 0)
+    space.fit([(features, masks)])
+    space.normalize(features)
+    space.load_state_dict(empty.state_dict())
+    with pytest.raises(FaunaError, match="expects fitted statistics"):
+        space.normalize(features)
+
+
+def test_the_flag_is_read_from_the_device_once(monkeypatch):
+    space = make()
+    features, masks = random_features(10, 0)
+    space.fit([(features, masks)])
+    reads = []
+    original = Tensor.__bool__
+    monkeypatch.setattr(Tensor, "__bool__", lambda tensor: reads.append(tensor) or original(tensor))
+    for _ in range(3):
+        space.normalize(features)
+        space.targets(features)
+    assert len(reads) == 1

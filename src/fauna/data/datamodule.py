@@ -3,7 +3,6 @@
 import hashlib
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -11,22 +10,23 @@ import torch
 from lightning import LightningDataModule
 from rich.progress import track
 from torch import Tensor
-from torch.utils.data import DataLoader, Dataset, Sampler
 
 from fauna.data.fauna_folder import CategoryPhotos
 from fauna.data.feature_cache import default_cache_root
 from fauna.data.photo_loader import PhotoLoader
-from fauna.data.photos import Photo, screen_photos
+from fauna.data.photos import Photo
+from fauna.data.prefetch import PreparedBatches
+from fauna.data.screening import screen_categories
 from fauna.data.sources import PhotoCollection
 from fauna.data.species_sampler import SpeciesSampler
-from fauna.data.splits import SplitSize, complete_splits
+from fauna.data.splits import SplitSize, complete_splits, taking_turns
 from fauna.encoder.base import Encoder
 from fauna.errors import FaunaError
 from fauna.random import derive_seed
+from fauna.threads import in_background
 from fauna.types import Batch, Features
 
 Split = Literal["train", "val", "test", "held_out"]
-LISTS = ("train", "val", "test", "back_views")  # of CategoryPhotos
 
 
 class PhotoDataModule(LightningDataModule):
@@ -52,10 +52,12 @@ class PhotoDataModule(LightningDataModule):
         on_bad: ``skip`` reads every photo once before training and leaves bad ones out, by name and reason;
             ``error`` stops at the first bad photo when it is needed.
         cache_features: keep frozen features on disk.
-        memory_megabytes: budget for decoded photos in memory.
+        memory_megabytes: budget for decoded photos and prepared steps in memory.
         fit_photos: training photos that the feature space is fitted on.
-        fill_workers: threads that compute features side by side before training, ``None`` = one per core; values do not
-            depend on it.
+        fill_workers: threads that read photos and compute features side by side before training, ``None`` = one per core.
+        prefetch_steps: steps prepared ahead of the training thread, fewer if they would take more than half of
+            ``memory_megabytes``; 0 prepares each step when it is needed. Batches do not depend on it.
+        prefetch_workers: threads that prepare them, ``None`` = one for every two cores, at most 8.
     """
 
     def __init__(
@@ -82,11 +84,10 @@ class PhotoDataModule(LightningDataModule):
         memory_megabytes: int,
         fit_photos: int,
         fill_workers: int | None,
+        prefetch_steps: int,
+        prefetch_workers: int | None,
     ) -> None:
         super().__init__()
-        for key, value in {"batch_size": batch_size, "accumulate": accumulate, "fit_photos": fit_photos}.items():
-            if value < 1:
-                raise FaunaError(f"data.{key}: expected a whole number >= 1, got {value}; e.g. data.{key}=6")
         self.source = source
         self.split: Split = split
         self.split_file = split_file
@@ -98,7 +99,9 @@ class PhotoDataModule(LightningDataModule):
         self.flip_probability = flip_probability
         self.on_bad: Literal["skip", "error"] = on_bad
         self.fit_photos = fit_photos
-        self.fill_workers = fill_workers or min(os.cpu_count() or 1, 16)
+        cores = os.cpu_count() or 1
+        self.fill_workers = fill_workers or min(cores, 16)
+        self.prefetch_workers = prefetch_workers or min(max(cores // 2, 1), 8)
         self.loader = PhotoLoader(
             encoder=encoder,
             image_size=image_size,
@@ -106,9 +109,11 @@ class PhotoDataModule(LightningDataModule):
             cache_features=cache_features,
             memory_megabytes=memory_megabytes,
         )
+        self.ahead = self.loader.reserve(prefetch_steps, photos=batch_size * accumulate)
         self.by_category: dict[str, CategoryPhotos] = {}
         self.seed = 0
         self.numbered: list[str] | None = None
+        self._digest = ""
 
     def prepare(self, *, seed: int, report: Callable[[str], None]) -> None:
         """List, split and check the photos.
@@ -121,18 +126,23 @@ class PhotoDataModule(LightningDataModule):
             FaunaError: when the dataset is missing, empty, or (``on_bad=error``) broken.
         """
         self.seed = seed
-        path = (
-            Path(self.split_file)
-            if self.split_file
-            else default_cache_root() / "splits" / f"{self.source.identity}.json"
-        )
+        cache, identity = default_cache_root(), self.source.identity
+        path = Path(self.split_file) if self.split_file else cache / "splits" / f"{identity}.json"
         listed = self.source.categories()
         if self.on_bad == "skip":
-            listed = self._screened(listed)
+            listed = screen_categories(
+                listed,
+                size=self.loader.image_size,
+                valid_margin=self.loader.valid_margin,
+                index=cache / "screened" / f"{identity}.txt",
+                workers=self.fill_workers,
+            )
         val, test = self.sizes
         self.by_category = complete_splits(
             listed, path=path, seed=self.split_seed, val=val, test=test, held_out=self.held_out
         )
+        names = "\n".join(photo.name for each in self.by_category.values() for photo in each.train + each.back_views)
+        self._digest = hashlib.blake2b(names.encode(), digest_size=8).hexdigest()
         if not self.train_species:
             raise FaunaError("data: expected at least one species with training photos, got none; check data.held_out")
         counts = {name: len(self.photos(name)) for name in ("train", "val", "test", "held_out")}
@@ -149,8 +159,7 @@ class PhotoDataModule(LightningDataModule):
 
     def photos_digest(self) -> str:
         """Digest of the names of all training photos: with other photos the same seed gives other batches."""
-        names = "\n".join(photo.name for each in self.by_category.values() for photo in each.train + each.back_views)
-        return hashlib.blake2b(names.encode(), digest_size=8).hexdigest()
+        return self._digest
 
     def number_species(self, names: list[str]) -> None:
         """Category indices as the weights know them; species they were not trained on have none."""
@@ -162,8 +171,7 @@ class PhotoDataModule(LightningDataModule):
             lists = [self.by_category[name].test for name in self.held_out]
         else:
             lists = [getattr(photos, split) for name, photos in self.by_category.items() if name not in self.held_out]
-        longest = max((len(each) for each in lists), default=0)
-        return [each[turn] for turn in range(longest) for each in lists if turn < len(each)]
+        return taking_turns(lists)
 
     def single(self, photo: Photo) -> Batch:
         """A batch of one photo, as at test time."""
@@ -186,8 +194,8 @@ class PhotoDataModule(LightningDataModule):
             order = torch.randperm(len(photos), generator=torch.Generator().manual_seed(derive_seed(self.seed, "fit")))
             photos = [photos[int(place)] for place in order[: self.fit_photos]]
         self.fill(photos)
-        for photo in photos:
-            yield self.loader.sample(photo)
+        workers = self.fill_workers
+        yield from in_background(self.loader.sample, photos, workers=workers, ahead=2 * workers)
 
     def fill(self, photos: list[Photo]) -> None:
         """Draw or decode photos and compute their features on all cores, with a progress bar; only what is missing."""
@@ -199,13 +207,13 @@ class PhotoDataModule(LightningDataModule):
             pass
 
     def step_batches(self, step: int, sampler: SpeciesSampler, rank: int) -> list[Batch]:
-        """Micro-batches of one process at one step."""
+        """Micro-batches of one process at one step; called from several threads."""
         return [self._planned(sampler, step, rank * self.accumulate + place) for place in range(self.accumulate)]
 
-    def train_dataloader(self) -> DataLoader:
+    def train_dataloader(self) -> PreparedBatches:
         """One item per step, starting at the trainer's step, so that a resumed run goes on where it stopped."""
-        assert self.trainer is not None
         trainer = self.trainer
+        assert trainer is not None
         pools = [self.by_category[name] for name in self.train_species]
         sampler = SpeciesSampler(
             photos_per_category=[len(pool.train) for pool in pools],
@@ -215,16 +223,20 @@ class PhotoDataModule(LightningDataModule):
             flip_probability=self.flip_probability,
             seed=self.seed,
         )
-        dataset = _Lookup(lambda step: self.step_batches(step, sampler, trainer.global_rank), trainer.max_steps)
-        steps = _StepsFrom(lambda: trainer.global_step, trainer.max_steps)
-        return DataLoader(dataset, batch_size=None, sampler=steps, num_workers=0)
 
-    def val_dataloader(self) -> DataLoader:
+        def make(step: int) -> list[Batch]:
+            return self.step_batches(step, sampler, trainer.global_rank)
+
+        return PreparedBatches(make, lambda: trainer.global_step, trainer.max_steps, self.prefetch_workers, self.ahead)
+
+    def val_dataloader(self) -> PreparedBatches:
         """Photos of the chosen split, one a batch."""
         photos = self.photos(self.split)
-        return DataLoader(
-            _Lookup(lambda place: [self.single(photos[place])], len(photos)), batch_size=None, num_workers=0
-        )
+
+        def make(place: int) -> list[Batch]:
+            return [self.single(photos[place])]
+
+        return PreparedBatches(make, lambda: 0, len(photos), self.prefetch_workers, self.ahead)
 
     def transfer_batch_to_device(self, batch: list[Batch], device: torch.device, dataloader_idx: int) -> list[Batch]:
         """Lightning cannot look into frozen dataclasses."""
@@ -233,46 +245,6 @@ class PhotoDataModule(LightningDataModule):
     def _planned(self, sampler: SpeciesSampler, step: int, index: int) -> Batch:
         plan = sampler.batch(step, index)
         pool = self.by_category[self.train_species[plan.category]]
-        entries = pool.train + pool.back_views
-        return self.loader.batch([entries[place] for place in plan.photos], plan.flips, plan.category)
-
-    def _screened(self, listed: dict[str, CategoryPhotos]) -> dict[str, CategoryPhotos]:
-        """All photos of all species read once; bad ones are left out, with one warning that names and counts them."""
-        everything = [photo for each in listed.values() for name in LISTS for photo in getattr(each, name)]
-        loader = self.loader
-        checked = screen_photos(
-            everything, size=loader.image_size, valid_margin=loader.valid_margin, on_bad=self.on_bad
-        )
-        good = set(checked.photos)
-        return {
-            species: replace(each, **{name: tuple(p for p in getattr(each, name) if p in good) for name in LISTS})
-            for species, each in listed.items()
-        }
-
-
-class _Lookup(Dataset):
-    """A dataset from a function."""
-
-    def __init__(self, function: Callable[[int], list[Batch]], length: int) -> None:
-        self.function = function
-        self.length = length
-
-    def __getitem__(self, index: int) -> list[Batch]:
-        return self.function(index)
-
-    def __len__(self) -> int:
-        return self.length
-
-
-class _StepsFrom(Sampler):
-    """The steps that are still to be done; asked only when iteration begins, after a checkpoint was restored."""
-
-    def __init__(self, start: Callable[[], int], stop: int) -> None:
-        self.start = start
-        self.stop = stop
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(range(self.start(), self.stop))
-
-    def __len__(self) -> int:
-        return self.stop
+        first = len(pool.train)
+        photos = [pool.train[place] if place < first else pool.back_views[place - first] for place in plan.photos]
+        return self.loader.batch(photos, plan.flips, plan.category)

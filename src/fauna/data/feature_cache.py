@@ -13,7 +13,6 @@ import uuid
 import warnings
 import zlib
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from torch import Tensor
 from fauna.data.photos import Photo, PhotoSource, resize_image
 from fauna.encoder.base import Encoder
 from fauna.errors import FaunaError
+from fauna.threads import in_background
 from fauna.types import Features
 
 MAGIC = b"FAUNAFT1"
@@ -109,14 +109,9 @@ class FeatureCache:
             workers: threads that encode side by side; the values do not depend on it.
         """
         todo = self.missing(photos)
-        if workers <= 1:
-            for photo in todo:
-                self._compute(photo)
-                yield photo
-            return
-        with one_thread(), ThreadPoolExecutor(workers) as pool:  # restores the process-wide count afterwards
-            for photo, _ in zip(todo, pool.map(self._compute, todo), strict=True):
-                yield photo
+        ahead = 4 * workers if workers > 1 else 0
+        for photo, _ in zip(todo, in_background(self._compute, todo, workers=workers, ahead=ahead), strict=True):
+            yield photo
 
     def _path(self, photo: Photo) -> Path:
         key = self._keys.get(photo.source)
@@ -193,8 +188,14 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Run torch on one thread: its convolutions round differently with another number of threads."""
+    """Run torch on one thread: its convolutions round differently with another number of threads.
+
+    The number belongs to the calling thread; others keep theirs.
+    """
     before = torch.get_num_threads()
+    if before == 1:
+        yield
+        return
     torch.set_num_threads(1)
     try:
         yield

@@ -2,12 +2,10 @@
 
 import hashlib
 import json
-import warnings
+import os
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import torch
@@ -49,6 +47,10 @@ class PhotoSource(ABC):
     @abstractmethod
     def content_key(self) -> str:
         """Hexadecimal digest that changes whenever the picture changes; the feature cache's key."""
+
+    def stamp(self) -> str:
+        """Changes whenever the photo's files do, without reading them; tells a screened photo from a new one."""
+        return self.content_key()
 
     def truth(self) -> Truth3D | None:
         """Geometry behind the crop, where it is known."""
@@ -139,6 +141,10 @@ class FileSource(PhotoSource):
         except OSError as error:
             raise FaunaError(f"{self.image} expects a readable image, got {error.strerror}; restore it") from error
 
+    def stamp(self) -> str:
+        """Path, size and time of last change of every file."""
+        return "|".join(_file_stamp(path) for path in (self.image, self.mask, self.box, self.keypoints))
+
 
 def load_photo(photo: Photo, *, size: int, valid_margin: float) -> LoadedPhoto:
     """Read a photo and bring it to ``size`` pixels.
@@ -177,56 +183,14 @@ def resize_mask(mask: Bool[np.ndarray, "height width"], size: int) -> Float[Tens
     return torch.from_numpy(np.array(coverage)).mul_(255).round_().div_(255)
 
 
-@dataclass(frozen=True)
-class Screening:
-    """Result of :func:`screen_photos`.
-
-    Attributes:
-        photos: the usable photos, in their order.
-        rejected: (name, reason) of the others.
-    """
-
-    photos: tuple[Photo, ...]
-    rejected: tuple[tuple[str, str], ...]
-
-
-def screen_photos(
-    photos: Sequence[Photo], *, size: int, valid_margin: float, on_bad: Literal["skip", "error"]
-) -> Screening:
-    """Read every photo once, so that no bad file can interrupt or silently change a training run.
-
-    Args:
-        photos: the photos to check.
-        size: resolution at which masks must not vanish, pixels.
-        valid_margin: see :func:`load_photo`.
-        on_bad: ``"error"`` raises for the first bad photo; ``"skip"`` leaves bad ones out and warns once with their names.
-
-    Raises:
-        FaunaError: for a bad photo under ``"error"``, and when no photo is left.
-    """
-    good: list[Photo] = []
-    rejected: list[tuple[str, str]] = []
-    for photo in photos:
-        try:
-            load_photo(photo, size=size, valid_margin=valid_margin)
-        except FaunaError as error:
-            if on_bad == "error":
-                raise
-            rejected.append((photo.name, str(error)))
-        else:
-            good.append(photo)
-    if photos and not good:
-        raise FaunaError(
-            f"expected at least one usable photo of {len(photos)}, got none; first problem: {rejected[0][1]}"
-        )
-    if rejected:
-        names = ", ".join(name for name, _ in rejected[:5]) + (", ..." if len(rejected) > 5 else "")
-        warnings.warn(
-            f"skipped {len(rejected)} of {len(photos)} photos ({names}); first problem: {rejected[0][1]}",
-            UserWarning,
-            stacklevel=2,
-        )
-    return Screening(tuple(good), tuple(rejected))
+def _file_stamp(path: Path | None) -> str:
+    if path is None:
+        return "none"
+    try:
+        found = os.stat(path)
+    except OSError:
+        return f"{path}:absent"
+    return f"{path}:{found.st_size}:{found.st_mtime_ns}"
 
 
 def _decode(path: Path, mode: str | None) -> np.ndarray:

@@ -81,6 +81,12 @@ def complete_splits(
     return dict(sorted(result.items()))
 
 
+def taking_turns(lists: Sequence[Sequence[Photo]]) -> list[Photo]:
+    """The first of every list, then the second of every list that has one, and so on: any first few are balanced."""
+    longest = max(map(len, lists), default=0)
+    return [each[turn] for turn in range(longest) for each in lists if turn < len(each)]
+
+
 def _choose(
     categories: Mapping[str, CategoryPhotos],
     chosen: dict[str, dict[str, list[str]]],

@@ -64,6 +64,9 @@ class Encoder(nn.Module, ABC):
     def forward(self, images: Float[Tensor, "batch 3 height width"]) -> Features:
         """Encode square images.
 
+        On a CPU one by one: that is as fast (activations stay in the cache), and what else is in the batch cannot change the
+        rounding of a photo's features.
+
         Args:
             images: (batch, 3, input_size, input_size) in [0, 1]; each encoder normalises them its own way.
 
@@ -79,12 +82,23 @@ class Encoder(nn.Module, ABC):
                 f"encoder={self.name} expects {self.input_size}x{self.input_size} images, got {size[0]}x{size[1]}; "
                 "resize them or set encoder.input_size"
             )
-        return self._encode(images.to(self.device))
+        images = images.to(self.device)
+        if self.device.type != "cpu" or len(images) == 1:
+            return self._encode(images)
+        singles = [self._encode(image[None]) for image in images]
+        tokens = torch.cat([each.tokens for each in singles])
+        keys = tokens if self.keys_are_tokens else torch.cat([each.keys for each in singles])
+        return Features(torch.cat([each.global_ for each in singles]), tokens, keys)
 
     @property
     def device(self) -> torch.device:
         """Where the network is; inputs are brought there."""
         return next(self.network.parameters()).device
+
+    @property
+    def dtype(self) -> str:
+        """Number format of the network's weights, e.g. ``float32``; features are returned in that of the images."""
+        return str(next(self.network.parameters()).dtype).removeprefix("torch.")
 
     @abstractmethod
     def _encode(self, images: Float[Tensor, "batch 3 height width"]) -> Features:

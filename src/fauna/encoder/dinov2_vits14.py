@@ -1,5 +1,7 @@
 """DINOv2 ViT-S/14 (Oquab et al., 2023), whose features 3D-Fauna uses as targets (supplement, "Implementation details")."""
 
+from typing import Literal
+
 from transformers import Dinov2Model
 
 from fauna.encoder.vit import FrozenViT, load_hub_model
@@ -14,18 +16,20 @@ class Dinov2Vits14(FrozenViT):
 
     Args:
         input_size: image side in pixels, a multiple of 14.
+        dtype: ``"float32"`` or ``"bfloat16"``.
 
     Raises:
         EncoderUnavailable: if the weights are neither cached nor downloadable.
     """
 
-    def __init__(self, *, input_size: int):
+    def __init__(self, *, input_size: int, dtype: Literal["float32", "bfloat16"]):
         super().__init__(
             name=NAME,
             model=load_hub_model(NAME, load_dinov2),
             input_size=input_size,
             mean=IMAGENET_MEAN,
             std=IMAGENET_STD,
+            dtype=dtype,
             forward_options={},
         )
 

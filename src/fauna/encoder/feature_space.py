@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 import torch.nn.functional as F
@@ -107,6 +107,7 @@ class FeatureSpace(nn.Module):
         self.standardize_global = standardize_global
         self.standardize_tokens = standardize_tokens
         self.max_images = max_images
+        self._ready = False  # what ``fitted`` says, once it was read as true
         self.register_buffer("fitted", torch.tensor(False))
         for name, dim in (("global", global_dim), ("token", token_dim), ("key", token_dim)):
             self.register_buffer(f"{name}_mean", torch.zeros(dim))
@@ -194,10 +195,19 @@ class FeatureSpace(nn.Module):
         return (0.5 + projected * self.target_scale).clamp(0.0, 1.0)
 
     def _require_fitted(self) -> None:
+        """Reads the flag from the device only until it is set: a look at every step would wait for the device each time."""
+        if self._ready:
+            return
         if not bool(self.fitted):
             raise FaunaError(
                 "feature space expects fitted statistics, got none; call fit(...) or load a checkpoint that has them"
             )
+        self._ready = True
+
+    def _load_from_state_dict(self, *args: Any, **kwargs: Any) -> None:
+        """Loaded statistics are checked anew."""
+        self._ready = False
+        super()._load_from_state_dict(*args, **kwargs)
 
 
 def _cells(maps: Float[Tensor, "batch chan height width"]) -> Float[Tensor, "sample chan"]:

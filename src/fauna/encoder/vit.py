@@ -1,7 +1,7 @@
 """A frozen vision transformer of the Hugging Face library: tokens, attention keys and the class token of its last layer."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from jaxtyping import Float
@@ -26,6 +26,7 @@ class FrozenViT(Encoder):
         input_size: image side in pixels, a multiple of the patch size; position codes are interpolated.
         mean: subtracted per colour channel of images in [0, 1].
         std: divides afterwards.
+        dtype: ``"float32"``, or ``"bfloat16"``: faster where it is native, but features are coarser.
         forward_options: further arguments of the model's forward pass.
     """
 
@@ -39,17 +40,18 @@ class FrozenViT(Encoder):
         input_size: int,
         mean: Sequence[float],
         std: Sequence[float],
+        dtype: Literal["float32", "bfloat16"],
         forward_options: dict[str, bool],
     ):
         config: Any = model.config
         super().__init__(
             name=name,
-            network=model,
+            network=model.to(dtype=getattr(torch, dtype)),
             input_size=input_size,
             stride=config.patch_size,
             global_dim=config.hidden_size,
             token_dim=config.hidden_size,
-            settings=f"mean{tuple(mean)}std{tuple(std)}".replace(" ", ""),
+            settings=f"mean{tuple(mean)}std{tuple(std)}-{dtype}".replace(" ", ""),
         )
         self.forward_options = dict(forward_options)
         self.mean: Tensor
@@ -58,15 +60,17 @@ class FrozenViT(Encoder):
         self.register_buffer("std", torch.tensor(std)[:, None, None], persistent=False)
 
     def _encode(self, images: Float[Tensor, "batch 3 height width"]) -> Features:
+        weights_dtype = next(self.network.parameters()).dtype
         caught: list[Tensor] = []
         handle = last_key_projection(self.network).register_forward_hook(lambda *call: caught.append(call[-1]))
         try:
             hidden = self.network(
-                pixel_values=(images - self.mean) / self.std, **self.forward_options
+                pixel_values=((images - self.mean) / self.std).to(weights_dtype), **self.forward_options
             ).last_hidden_state
         finally:
             handle.remove()
-        return Features(global_=hidden[:, 0], tokens=self._grid(hidden), keys=self._grid(caught[0]))
+        hidden, keys = hidden.to(images.dtype), caught[0].to(images.dtype)
+        return Features(global_=hidden[:, 0], tokens=self._grid(hidden), keys=self._grid(keys))
 
     def _grid(self, sequence: Float[Tensor, "batch token chan"]) -> Float[Tensor, "batch chan grid grid"]:
         """Drop the class token and lay the patch tokens out as a map."""
