@@ -5,13 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fauna.kernels.closest_point import distances_to_surface, fill_grid
+from fauna.kernels.closest_point import build_tree, distances_to_surface
 from fauna.kernels.winding import crossings_along_z
 
 F_THRESHOLD = 0.05
 """Distance within which a point counts for the F-score, diagonals of the truth's bounding box."""
-GRID_CELLS = 32
-"""Cells along the longest side of the grid that triangles are looked up in."""
 VOXELS = 64
 """Voxels along the longest side of the common bounding box."""
 
@@ -66,11 +64,7 @@ def surface_points(mesh: Mesh, *, count: int, rng: np.random.Generator) -> Float
 def distances(points: Float[np.ndarray, "point 3"], mesh: Mesh) -> Float[np.ndarray, " point"]:
     """Exact distance from each point to the nearest point of a surface."""
     corners = mesh.corners
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    size = float(max((high - low).max(), 1e-12)) / GRID_CELLS
-    shape = tuple(int(n) for n in np.floor((high - low) / size).astype(np.int64) + 1)
-    offsets, members = fill_grid(corners, low, size, shape)
-    return distances_to_surface(np.ascontiguousarray(points, np.float64), corners, low, size, shape, offsets, members)
+    return distances_to_surface(np.ascontiguousarray(points, np.float64), corners, *build_tree(corners))
 
 
 def chamfer_and_f_score(
