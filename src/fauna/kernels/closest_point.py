@@ -12,30 +12,12 @@ LEAF = 8  # triangles of the smallest boxes
 
 
 @njit(cache=True, inline="always")
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(cache=True)
-def _closest_on_segment(p, a, b):
-    """Parameter in [0, 1] of the nearest point of a + t (b - a)."""
-    length = along = 0.0
-    for axis in range(3):
-        step = b[axis] - a[axis]
-        length += step * step
-        along += step * (p[axis] - a[axis])
+def _on_segment(px, py, pz, dx, dy, dz):
+    """Parameter in [0, 1] of the point t d nearest to p."""
+    length = dx * dx + dy * dy + dz * dz
     if length <= 0.0:
         return 0.0
-    return min(max(along / length, 0.0), 1.0)
-
-
-@njit(cache=True)
-def _distance2(p, corners, u, v, w):
-    total = 0.0
-    for axis in range(3):
-        step = p[axis] - u * corners[0, axis] - v * corners[1, axis] - w * corners[2, axis]
-        total += step * step
-    return total
+    return min(max((px * dx + py * dy + pz * dz) / length, 0.0), 1.0)
 
 
 @njit(cache=True)
@@ -44,27 +26,32 @@ def closest_on_triangle(p, corners):
 
     The foot of the perpendicular if it lies inside, otherwise the best point of the three sides.
     """
-    e0, e1, ep = np.empty(3), np.empty(3), np.empty(3)
-    for axis in range(3):
-        e0[axis] = corners[1, axis] - corners[0, axis]
-        e1[axis] = corners[2, axis] - corners[0, axis]
-        ep[axis] = p[axis] - corners[0, axis]
-    d00, d01, d11, d0, d1 = _dot(e0, e0), _dot(e0, e1), _dot(e1, e1), _dot(e0, ep), _dot(e1, ep)
-    area = d00 * d11 - d01 * d01
-    if area > 1e-14 * d00 * d11:
-        v, w = (d11 * d0 - d01 * d1) / area, (d00 * d1 - d01 * d0) / area
+    px, py, pz = p[0] - corners[0, 0], p[1] - corners[0, 1], p[2] - corners[0, 2]
+    ax, ay, az = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1], corners[1, 2] - corners[0, 2]
+    bx, by, bz = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1], corners[2, 2] - corners[0, 2]
+    aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
+    pa, pb = px * ax + py * ay + pz * az, px * bx + py * by + pz * bz
+    area = aa * bb - ab * ab
+    if area > 1e-14 * aa * bb:
+        v, w = (bb * pa - ab * pb) / area, (aa * pb - ab * pa) / area
         if v >= 0.0 and w >= 0.0 and v + w <= 1.0:
-            return 1.0 - v - w, v, w, _distance2(p, corners, 1.0 - v - w, v, w)
-    best_u, best_v, best_w, best = 1.0, 0.0, 0.0, np.inf
-    for side in range(3):
-        t = _closest_on_segment(p, corners[side], corners[(side + 1) % 3])
-        u = 1.0 - t if side == 0 else (t if side == 2 else 0.0)
-        v = 1.0 - t if side == 1 else (t if side == 0 else 0.0)
-        w = 1.0 - t if side == 2 else (t if side == 1 else 0.0)
-        distance2 = _distance2(p, corners, u, v, w)
-        if distance2 < best:
-            best_u, best_v, best_w, best = u, v, w, distance2
-    return best_u, best_v, best_w, best
+            dx, dy, dz = px - v * ax - w * bx, py - v * ay - w * by, pz - v * az - w * bz
+            return max(1.0 - v - w, 0.0), v, w, dx * dx + dy * dy + dz * dz
+    v = _on_segment(px, py, pz, ax, ay, az)
+    dx, dy, dz = px - v * ax, py - v * ay, pz - v * az
+    best_v, best_w, best = v, 0.0, dx * dx + dy * dy + dz * dz
+    w = _on_segment(px, py, pz, bx, by, bz)
+    dx, dy, dz = px - w * bx, py - w * by, pz - w * bz
+    distance2 = dx * dx + dy * dy + dz * dz
+    if distance2 < best:
+        best_v, best_w, best = 0.0, w, distance2
+    w = _on_segment(px - ax, py - ay, pz - az, bx - ax, by - ay, bz - az)
+    v = 1.0 - w
+    dx, dy, dz = px - v * ax - w * bx, py - v * ay - w * by, pz - v * az - w * bz
+    distance2 = dx * dx + dy * dy + dz * dz
+    if distance2 < best:
+        best_v, best_w, best = v, w, distance2
+    return max(1.0 - best_v - best_w, 0.0), best_v, best_w, best
 
 
 @njit(cache=True)

@@ -36,7 +36,8 @@ def reference_places(prediction: Prediction, *, count: int) -> Places:
     chosen = [int(np.linalg.norm(points, axis=1).argmax())]
     away = np.full(len(points), np.inf)
     for _ in range(min(count, len(points)) - 1):
-        away = np.minimum(away, ((points - points[chosen[-1]]) ** 2).sum(axis=1))
+        x, y, z = (points - points[chosen[-1]]).T
+        away = np.minimum(away, x * x + y * y + z * z)
         chosen.append(int(away.argmax()))
     return places.rows(np.array(chosen))
 

@@ -35,7 +35,8 @@ class Mesh:
 def face_areas(mesh: Mesh) -> Float[np.ndarray, " face"]:
     """Area of each triangle."""
     a, b, c = np.moveaxis(mesh.corners, 1, 0)
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    x, y, z = np.cross(b - a, c - a).T
+    return 0.5 * np.sqrt(x * x + y * y + z * z)
 
 
 def centroid(mesh: Mesh) -> Float[np.ndarray, "3"]:
@@ -109,14 +110,14 @@ def voxels(mesh: Mesh, low: Float[np.ndarray, "3"], size: float, shape: tuple[in
     inwards. More than half of the votes decide. The mean of the six signed counts is a coarse estimate of the generalised winding
     number (Jacobson et al., 2013): on closed shells all six agree, a hole misleads only the rays that pass through it.
     """
-    votes = np.zeros(shape, np.int64)
+    votes = np.zeros(shape, np.int8)
     corners = mesh.corners
     for axis in range(3):
         order = [(axis + 1) % 3, (axis + 2) % 3, axis]  # a cyclic permutation keeps the orientation
         found = crossings_along_z(
             np.ascontiguousarray(corners[..., order]), low[order], size, tuple(shape[i] for i in order)
         )
-        entered = np.cumsum(found, axis=2)
+        entered = np.cumsum(found, axis=2, dtype=np.int32)
         below, above = entered[..., :-1], entered[..., :-1] - entered[..., -1:]
-        votes += ((below > 0).astype(np.int64) + (above > 0)).transpose(np.argsort(order))
+        votes += ((below > 0).astype(np.int8) + (above > 0)).transpose(np.argsort(order))
     return votes > 3
