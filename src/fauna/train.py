@@ -70,6 +70,7 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     loggers = [_make(node, given) for node in cfg.logger.values() if node is not None]
     trainer = _make(cfg.trainer, {**given, "callbacks": callbacks, "logger": loggers})
     data.prepare(seed=cfg.seed, report=print)
+    data.check_trainable()
     if resume is not None:
         check_fits(resume, system.state_dict())
         report_changes(resume, config, data.photos_digest(), encoder.fingerprint)
