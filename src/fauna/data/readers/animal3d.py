@@ -42,7 +42,7 @@ class Animal3DPhotos(KeypointPhotos):
         keypoint_names: list[str] | None,
         min_visibility: float,
     ) -> None:
-        super().__init__(root=root, images=images, crop_size=crop_size, box_fill=1.0, species=species)
+        super().__init__(root=root, images=images, crop_size=crop_size, box_margin=0.0, box_fill=1.0, species=species)
         given = {"train": annotations, "test": test_annotations}
         self.files = {split: file for split, file in given.items() if file is not None}
         if not self.files:

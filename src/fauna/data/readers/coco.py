@@ -29,7 +29,8 @@ class CocoPhotos(KeypointPhotos):
         test_annotations: the same for test photos.
         images: folder of the photographs below the root.
         crop_size: side of a crop, pixels.
-        box_fill: share of its box that an animal without mask is taken to cover.
+        box_margin: how far the box of an animal without mask is widened on each side, shares of its larger side.
+        box_fill: share of that box that the animal is taken to cover.
         species: the species to use, ``None`` = all.
         species_field: field of an annotation that names the species, ``None`` = its category.
         keypoint_set: name in :data:`fauna.data.readers.keypoints.KEYPOINT_SETS`, for files whose categories list no keypoints.
@@ -47,6 +48,7 @@ class CocoPhotos(KeypointPhotos):
         test_annotations: str | None,
         images: str,
         crop_size: int,
+        box_margin: float,
         box_fill: float,
         species: list[str] | None,
         species_field: str | None,
@@ -54,7 +56,14 @@ class CocoPhotos(KeypointPhotos):
         min_visibility: float,
         photograph_pattern: str | None,
     ) -> None:
-        super().__init__(root=root, images=images, crop_size=crop_size, box_fill=box_fill, species=species)
+        super().__init__(
+            root=root,
+            images=images,
+            crop_size=crop_size,
+            box_margin=box_margin,
+            box_fill=box_fill,
+            species=species,
+        )
         given = {"train": annotations, "val": val_annotations, "test": test_annotations}
         self.files = {split: file for split, file in given.items() if file is not None}
         if not self.files:

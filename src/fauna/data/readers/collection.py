@@ -10,7 +10,7 @@ from pathlib import Path
 
 from fauna.data.fauna_folder import SPLITS, CategoryPhotos
 from fauna.data.photos import Photo
-from fauna.data.readers.crop import Box, CropSource, clip_box
+from fauna.data.readers.crop import Box, CropSource, clip_box, widen_box
 from fauna.data.readers.files import find_image, forward_slashes
 from fauna.data.readers.keypoints import canonical_names
 from fauna.data.readers.masks import Mask
@@ -70,12 +70,21 @@ class KeypointPhotos(PhotoCollection):
         root: dataset folder.
         images: folder of the photographs below it.
         crop_size: side of a crop, pixels.
-        box_fill: share of its box that an animal without mask is taken to cover: places the crop, nothing else.
+        box_margin: how far the box of an animal without mask is widened on each side, shares of its larger side: for boxes that
+            only hold the keypoints.
+        box_fill: share of that box that the animal is taken to cover; both place the crop, nothing else.
         species: the species to use, ``None`` = all.
     """
 
     def __init__(
-        self, *, root: str | None, images: str, crop_size: int, box_fill: float, species: list[str] | None
+        self,
+        *,
+        root: str | None,
+        images: str,
+        crop_size: int,
+        box_margin: float,
+        box_fill: float,
+        species: list[str] | None,
     ) -> None:
         if root is None:
             raise FaunaError(
@@ -85,9 +94,12 @@ class KeypointPhotos(PhotoCollection):
             raise FaunaError(f"data.source.crop_size: expected a whole number >= 1, got {crop_size}; e.g. 256")
         if not 0.0 < box_fill <= 1.0:
             raise FaunaError(f"data.source.box_fill: expected a share in (0, 1], got {box_fill}; e.g. 0.57")
+        if box_margin < 0.0:
+            raise FaunaError(f"data.source.box_margin: expected a share >= 0, got {box_margin}; e.g. 0.15")
         self.root = Path(root).expanduser()
         self.images = self.root / images
         self.crop_size = crop_size
+        self.box_margin = box_margin
         self.box_fill = box_fill
         self.species = None if species is None else tuple(species)
 
@@ -181,12 +193,13 @@ class KeypointPhotos(PhotoCollection):
         if animal.mask is None and animal.size is not None and animal.box is not None:
             width, height = animal.size
             if clip_box(animal.box, height=height, width=width) is None:
-                return LeftOut(animal.name, f"its box {animal.box} lies outside the {width}x{height} photograph")
+                return LeftOut(animal.name, f"its box {animal.box} is empty or outside the {width}x{height} photograph")
         image = find_image(self.images, animal.image)
         if image is None:
             return LeftOut(animal.name, f"photograph {animal.image} is missing")
+        box = None if animal.box is None else widen_box(animal.box, self.box_margin)
         source = CropSource(
-            image=image, origin=animal.name, size=animal.size, box=animal.box, mask=animal.mask,
+            image=image, origin=animal.name, size=animal.size, box=box, mask=animal.mask,
             keypoints=animal.keypoints, crop_size=self.crop_size, box_fill=self.box_fill,
         )  # fmt: skip
         return Photo(animal.name, species, animal.photograph, source)

@@ -131,7 +131,7 @@ class CropSource(PhotoSource):
         return points
 
 
-def clip_box(box: Box, *, height: float, width: float) -> Box | None:
+def clip_box(box: Box, *, height: int, width: int) -> Box | None:
     """The part of a box inside the photograph, ``None`` when there is none.
 
     >>> clip_box((-5.0, 10.0, 20.0, 300.0), height=200, width=100)
@@ -139,3 +139,14 @@ def clip_box(box: Box, *, height: float, width: float) -> Box | None:
     """
     left, top, right, bottom = max(box[0], 0.0), max(box[1], 0.0), min(box[2], float(width)), min(box[3], float(height))
     return (left, top, right, bottom) if right > left and bottom > top else None
+
+
+def widen_box(box: Box, margin: float) -> Box:
+    """The box with ``margin`` times its larger side added on each side.
+
+    >>> widen_box((10.0, 10.0, 30.0, 20.0), 0.5)
+    (0.0, 0.0, 40.0, 30.0)
+    """
+    left, top, right, bottom = box
+    extra = margin * max(right - left, bottom - top)
+    return left - extra, top - extra, right + extra, bottom + extra

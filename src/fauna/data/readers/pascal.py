@@ -43,7 +43,7 @@ class PascalPhotos(KeypointPhotos):
         crop_size: int,
         min_visibility: float,
     ) -> None:
-        super().__init__(root=root, images=images, crop_size=crop_size, box_fill=1.0, species=None)
+        super().__init__(root=root, images=images, crop_size=crop_size, box_margin=0.0, box_fill=1.0, species=None)
         if not species:
             raise FaunaError(
                 "data.source.species: expected species that name .mat files, got none; e.g. [horse,cow,sheep]"

@@ -45,7 +45,7 @@ class StanfordExtraPhotos(KeypointPhotos):
         crop_size: int,
         min_visibility: float,
     ) -> None:
-        super().__init__(root=root, images=images, crop_size=crop_size, box_fill=1.0, species=None)
+        super().__init__(root=root, images=images, crop_size=crop_size, box_margin=0.0, box_fill=1.0, species=None)
         self.file = annotations
         self.index_files = {"train": train_indices, "val": val_indices, "test": test_indices}
         self.min_visibility = min_visibility
