@@ -140,7 +140,7 @@ class PhotoDataModule(LightningDataModule):
         described = ", ".join(f"{count} {name}" for name, count in counts.items())
         report(f"{self.source.identity}: {len(self.train_species)} training species; photos: {described}")
         empty = sorted(set(self.by_category) - set(self.train_species) - set(self.held_out))
-        if empty:
+        if empty and self.train_species:
             report(f"species without usable training photos, left out: {', '.join(empty)}")
 
     def check_trainable(self) -> None:

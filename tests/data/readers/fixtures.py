@@ -98,3 +98,67 @@ def runs(mask: np.ndarray) -> list[int]:
                 value = not value
             found[-1] += 1
     return found
+
+
+def animal3d_folder(folder: Path) -> Path:
+    """Two training photos and a test photo, with masks as pictures of zeros and ones."""
+    for split, count in (("train", 2), ("test", 1)):
+        items = []
+        for number in range(count):
+            name = f"{split}/n0/n0_{number}_zebra.png"
+            photograph(folder / "images" / name)
+            mask = folder / "masks" / name
+            mask.parent.mkdir(parents=True, exist_ok=True)
+            Image.fromarray(ellipse(ANIMALS[number]).astype(np.uint8)).save(mask)
+            items.append(
+                {
+                    "img_path": f"images/{name}", "mask_path": f"masks/{name}", "width": WIDTH, "height": HEIGHT,
+                    "keypoint_2d": keypoints_of(ANIMALS[number]), "bbox": [0, 0, 1, 1], "pose": [0.0], "shape": [0.0],
+                }
+            )  # fmt: skip
+        (folder / f"{split}.json").write_text(json.dumps({"data": items}))
+    return folder
+
+
+def pascal_folder(
+    folder: Path, *, mirror: tuple[int, ...] = (2, 1, 3), species: tuple[str, ...] = ("horse", "cow")
+) -> Path:
+    """Two animals per species on one photograph; pixels and indices count from 1."""
+    from scipy.io import savemat
+
+    data = folder / "data"
+    data.mkdir(parents=True)
+    photograph(folder / "JPEGImages" / "2008_000001.png")
+    fields = [(name, object) for name in ("rel_path", "voc_rec_id", "bbox", "parts", "mask")]
+    for name in species:
+        images = np.zeros((1, len(ANIMALS)), dtype=fields)
+        for number, box in enumerate(ANIMALS):
+            left, top, right, bottom = box
+            parts = np.array(keypoints_of(box), float).T + [[1.0], [1.0], [0.0]]
+            corners = {"x1": left + 1.0, "y1": top + 1.0, "x2": float(right), "y2": float(bottom)}
+            images[0, number] = ("2008_000001.png", number + 1, corners, parts, ellipse(box).astype(np.uint8))
+        savemat(data / f"{name}_val.mat", {"images": images})
+        savemat(
+            data / f"{name}_kps.mat",
+            {"kp_names": np.array(["L_Eye", "R_Eye", "TailBase"], object), "kp_perm_inds": np.array(mirror)},
+        )
+    return folder
+
+
+def stanfordextra_folder(folder: Path, *, dogs: int = 4) -> Path:
+    """Dogs on photographs of their own, compressed masks, 24 joints."""
+    items = []
+    for number in range(dogs):
+        name = f"n0-breed/n0_{number}.png"
+        photograph(folder / "Images" / name)
+        left, top, right, bottom = box = ANIMALS[number % 2]
+        joints = keypoints_of(box) * 8
+        items.append(
+            {
+                "img_path": name, "img_width": WIDTH, "img_height": HEIGHT, "is_multiple_dogs": False, "joints": joints,
+                "img_bbox": [left, top, right - left, bottom - top], "seg": compress(runs(ellipse(box))),
+            }
+        )  # fmt: skip
+    (folder / "StanfordExtra_v12.json").write_text(json.dumps(items))
+    np.save(folder / "test.npy", np.array([2]))
+    return folder

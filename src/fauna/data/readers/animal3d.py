@@ -56,8 +56,7 @@ class Animal3DPhotos(KeypointPhotos):
         """The annotation files."""
         return [f"{split}={file}" for split, file in self.files.items()]
 
-    @cached_property
-    def raw_keypoint_names(self) -> tuple[str, ...] | None:
+    def read_keypoint_names(self) -> tuple[str, ...] | None:
         """As given, else ``keypoint_00``, ``keypoint_01``, ..."""
         if self.given_names is not None:
             return self.given_names

@@ -84,8 +84,7 @@ class CocoPhotos(KeypointPhotos):
         """The annotation files."""
         return [f"{split}={file}" for split, file in self.files.items()]
 
-    @cached_property
-    def raw_keypoint_names(self) -> tuple[str, ...] | None:
+    def read_keypoint_names(self) -> tuple[str, ...] | None:
         """From the categories or the items, else from the chosen set; ``None`` when nothing has keypoints."""
         lists = {names for content in self._contents.values() for names in _listed_names(content)}
         if len(lists) > 1:

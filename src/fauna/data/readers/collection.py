@@ -107,15 +107,19 @@ class KeypointPhotos(PhotoCollection):
     def animals(self, split: str) -> Iterator[Animal | LeftOut]:
         """Annotated animals of ``train``, ``val`` or ``test``; nothing for a split without annotations."""
 
-    @property
     @abstractmethod
-    def raw_keypoint_names(self) -> tuple[str, ...] | None:
-        """Names of the keypoints as the files spell them."""
+    def read_keypoint_names(self) -> tuple[str, ...] | None:
+        """Names of the keypoints as the files spell them, ``None`` when nothing has keypoints."""
 
     @property
     @abstractmethod
     def sources(self) -> Sequence[str]:
         """The annotation files below the root, for the identity of the dataset."""
+
+    @cached_property
+    def raw_keypoint_names(self) -> tuple[str, ...] | None:
+        """As the files spell them; :attr:`keypoint_names` is in the same order."""
+        return self.read_keypoint_names()
 
     @property
     def keypoint_names(self) -> tuple[str, ...] | None:

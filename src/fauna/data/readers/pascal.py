@@ -5,7 +5,6 @@
 """
 
 from collections.abc import Iterator, Sequence
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +56,7 @@ class PascalPhotos(KeypointPhotos):
         """The folder of the annotations and the species."""
         return [self.folder.name, *self.listed_species]
 
-    @cached_property
-    def raw_keypoint_names(self) -> tuple[str, ...]:
+    def read_keypoint_names(self) -> tuple[str, ...]:
         """From ``{species}_kps.mat``, the same for all species; its mirror indices must agree with the names."""
         lists = {species: self._names(species) for species in self.listed_species}
         if len(set(lists.values())) > 1:
@@ -124,10 +122,10 @@ class PascalPhotos(KeypointPhotos):
 
 def _variable(path: Path, name: str) -> Any:
     """A variable of a ``.mat`` file; raises FaunaError when the file is missing, broken or without it."""
+    if not path.is_file():
+        raise FaunaError(f"{path} expects a .mat file, got nothing there; check data.root and data.source")
     try:
         content = loadmat(path, struct_as_record=False, squeeze_me=True)
-    except FileNotFoundError as error:
-        raise FaunaError(f"{path} expects a .mat file, got nothing there; check data.root and data.source") from error
     except Exception as error:  # scipy raises many kinds for broken files
         reason = " ".join(str(error).split())
         raise FaunaError(f"{path} expects a .mat file up to version 7, got {reason}; download it again") from error

@@ -55,8 +55,7 @@ class StanfordExtraPhotos(KeypointPhotos):
         """The annotation file and those of the splits."""
         return [self.file, *(f"{split}={file}" for split, file in self.index_files.items() if file is not None)]
 
-    @property
-    def raw_keypoint_names(self) -> tuple[str, ...]:
+    def read_keypoint_names(self) -> tuple[str, ...]:
         """The 24 of its table."""
         return KEYPOINT_SETS["stanfordextra"].names
 
