@@ -72,6 +72,7 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     trainer = _make(cfg.trainer, {**given, "callbacks": callbacks, "logger": loggers})
     print(f"encoder {encoder.name}, {encoder.input_size} px, {encoder.dtype}; CPU: {describe_cpu()}")
     data.prepare(seed=cfg.seed, report=print)
+    data.check_trainable()
     if resume is not None:
         check_fits(resume, system.state_dict())
         report_changes(resume, config, data.photos_digest(), encoder.fingerprint)

@@ -129,6 +129,9 @@ class PhotoDataModule(LightningDataModule):
         cache, identity = default_cache_root(), self.source.identity
         path = Path(self.split_file) if self.split_file else cache / "splits" / f"{identity}.json"
         listed = self.source.categories()
+        if self.source.left_out:
+            name, reason = self.source.left_out[0]
+            report(f"{self.source.identity}: left out {len(self.source.left_out)} annotations, first {name}: {reason}")
         if self.on_bad == "skip":
             listed = screen_categories(
                 listed,
@@ -143,14 +146,24 @@ class PhotoDataModule(LightningDataModule):
         )
         names = "\n".join(photo.name for each in self.by_category.values() for photo in each.train + each.back_views)
         self._digest = hashlib.blake2b(names.encode(), digest_size=8).hexdigest()
-        if not self.train_species:
-            raise FaunaError("data: expected at least one species with training photos, got none; check data.held_out")
         counts = {name: len(self.photos(name)) for name in ("train", "val", "test", "held_out")}
         described = ", ".join(f"{count} {name}" for name, count in counts.items())
         report(f"{self.source.identity}: {len(self.train_species)} training species; photos: {described}")
         empty = sorted(set(self.by_category) - set(self.train_species) - set(self.held_out))
-        if empty:
+        if empty and self.train_species:
             report(f"species without usable training photos, left out: {', '.join(empty)}")
+
+    def check_trainable(self) -> None:
+        """Raises FaunaError unless there are training photos and every one has a mask."""
+        if not self.train_species:
+            raise FaunaError("data: expected at least one species with training photos, got none; check data.held_out")
+        entries = [photo for each in self.by_category.values() for photo in each.train + each.back_views]
+        boxed = [photo.name for photo in entries if photo.source.mask_source == "box"]
+        if boxed:
+            raise FaunaError(
+                f"data: expected masks to train on, got only boxes for {len(boxed)} of {len(entries)} photos ({boxed[0]}, ...); "
+                "use this dataset with fauna-eval, or train on one with masks"
+            )
 
     @property
     def train_species(self) -> list[str]:

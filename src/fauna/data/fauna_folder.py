@@ -2,9 +2,10 @@
 
 Flat: ``root/<category>/{train,val,test}/<stem>_rgb.jpg`` with ``_mask.png`` and, optionally, ``_box.txt``, ``_keypoints.json`` and
 ``_feat16.png``. Published: ``root/{large_scale,few_shot_web,few_shot_animal3d,few_shot_web_back}/<category>/...`` with the same files;
-``large_scale`` has one folder per video below each split.
+``large_scale`` has one folder per video below each split. ``root/keypoint_names.json`` names the keypoints, where there are any.
 """
 
+import json
 import re
 import warnings
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ IMAGE_NAME = re.compile(r"^(?:(?P<stem>.*)_)?rgb\.(?:png|jpg|jpeg)$", re.IGNOREC
 LARGE_SCALE = "large_scale"
 FEW_SHOT = ("few_shot_web", "few_shot_animal3d")
 BACK_VIEWS = "few_shot_web_back"
+KEYPOINT_NAMES = "keypoint_names.json"
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,9 @@ class CategoryPhotos:
     back_views: tuple[Photo, ...] = ()
 
 
-def read_fauna_folder(root: Path, *, photograph_pattern: str) -> dict[str, CategoryPhotos]:
+def read_fauna_folder(
+    root: Path, *, photograph_pattern: str, num_keypoints: int | None = None
+) -> dict[str, CategoryPhotos]:
     r"""List all photos below ``root`` without opening any.
 
     Args:
@@ -48,6 +52,7 @@ def read_fauna_folder(root: Path, *, photograph_pattern: str) -> dict[str, Categ
         photograph_pattern: regular expression with one group; a stem that matches it entirely is a crop of the photograph
             named by the group, any other stem is a photograph of its own. ``(.+_\d+)_\d+`` makes ``2007_001724_47`` a crop
             of ``2007_001724``.
+        num_keypoints: that every ``_keypoints.json`` must list; ``None`` = any number.
 
     Returns:
         Categories in alphabetical order.
@@ -71,7 +76,49 @@ def read_fauna_folder(root: Path, *, photograph_pattern: str) -> dict[str, Categ
             f"data=fauna expects {root}/<category>/train/<name>_rgb.jpg (or .png) with <name>_mask.png, got no such file; "
             "check data.root, or use data=zoo, which needs no download"
         )
-    return categories
+    return {name: _expect_keypoints(photos, num_keypoints) for name, photos in categories.items()}
+
+
+def read_keypoint_names(root: Path) -> tuple[str, ...] | None:
+    """Names of the keypoints from ``root/keypoint_names.json``, ``{"keypoint_names": [name, ...]}`` or the list alone.
+
+    Args:
+        root: dataset folder.
+
+    Returns:
+        The names in the order of the keypoints, ``None`` without such a file.
+
+    Raises:
+        FaunaError: if the file holds anything but different names.
+    """
+    path = root / KEYPOINT_NAMES
+    if not path.is_file():
+        return None
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise FaunaError(
+            f'{path} expects {{"keypoint_names": [name, ...]}}, got {reason}; mend or remove it'
+        ) from error
+    names = content.get("keypoint_names") if isinstance(content, dict) else content
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
+        raise FaunaError(
+            f'{path} expects {{"keypoint_names": [name, ...]}} with different names, got {str(names)[:60]}; mend or remove it'
+        )
+    return tuple(names)
+
+
+def _expect_keypoints(photos: CategoryPhotos, number: int | None) -> CategoryPhotos:
+    if number is None:
+        return photos
+    lists = {
+        field: tuple(
+            replace(photo, source=replace(photo.source, num_keypoints=number)) for photo in getattr(photos, field)
+        )
+        for field in (*SPLITS, "back_views")
+    }
+    return replace(photos, **lists)
 
 
 def _read_flat(root: Path, pattern: re.Pattern[str]) -> dict[str, CategoryPhotos]:

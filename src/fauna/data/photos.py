@@ -6,6 +6,7 @@ import os
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -16,6 +17,9 @@ from torch import Tensor
 from fauna.data.crop_box import CropBox, read_box, valid_mask
 from fauna.data.truth import Truth3D
 from fauna.errors import FaunaError
+
+MaskSource = Literal["annotation", "box"]
+"""Whether a mask was annotated (or segmented), or is only the box around the animal: good enough to place a crop, not to compare with."""
 
 MASK_THRESHOLD = 127  # 8-bit mask values above it are foreground; robust to JPEG masks
 
@@ -29,12 +33,14 @@ class RawPhoto:
         mask: (side, side) True on the animal.
         box: window of the crop in the original photo, if known.
         keypoints: (key, 3) x, y in crop pixels (0 is the left or top edge) and 1 where annotated, if known.
+        mask_source: ``box`` where ``mask`` is only the box around the animal: not for training, not for silhouette IoU.
     """
 
     image: UInt8[np.ndarray, "side side 3"]
     mask: Bool[np.ndarray, "side side"]
     box: CropBox | None
     keypoints: Float[np.ndarray, "key 3"] | None
+    mask_source: MaskSource = "annotation"
 
 
 class PhotoSource(ABC):
@@ -51,6 +57,11 @@ class PhotoSource(ABC):
     def stamp(self) -> str:
         """Changes whenever the photo's files do, without reading them; tells a screened photo from a new one."""
         return self.content_key()
+
+    @property
+    def mask_source(self) -> MaskSource:
+        """Of the photo that :meth:`read` gives, known without reading it."""
+        return "annotation"
 
     def truth(self) -> Truth3D | None:
         """Geometry behind the crop, where it is known."""
@@ -102,12 +113,14 @@ class FileSource(PhotoSource):
         mask: 8-bit, first channel counts, above 127 is foreground.
         box: ``box.txt``, optional.
         keypoints: JSON ``{"keypoints": [[x, y, annotated], ...]}`` in crop pixels, optional.
+        num_keypoints: how many the dataset has names for; ``None`` when it names none.
     """
 
     image: Path
     mask: Path
     box: Path | None = None
     keypoints: Path | None = None
+    num_keypoints: int | None = None
 
     def read(self) -> RawPhoto:
         """Decode and check all files.
@@ -132,7 +145,7 @@ class FileSource(PhotoSource):
                 f"{self.mask} expects foreground (values above {MASK_THRESHOLD}), got a largest value of {mask_values.max()}; remake it"
             )
         box = read_box(self.box) if self.box is not None else None
-        return RawPhoto(image, mask, box, _read_keypoints(self.keypoints) if self.keypoints is not None else None)
+        return RawPhoto(image, mask, box, self._keypoints())
 
     def content_key(self) -> str:
         """Digest of the image file's bytes."""
@@ -144,6 +157,17 @@ class FileSource(PhotoSource):
     def stamp(self) -> str:
         """Path, size and time of last change of every file."""
         return "|".join(_file_stamp(path) for path in (self.image, self.mask, self.box, self.keypoints))
+
+    def _keypoints(self) -> Float[np.ndarray, "key 3"] | None:
+        if self.keypoints is None:
+            return None
+        points = _read_keypoints(self.keypoints)
+        if self.num_keypoints not in (None, len(points)):
+            raise FaunaError(
+                f"{self.keypoints} expects {self.num_keypoints} keypoints, as keypoint_names.json names them, "
+                f"got {len(points)}; mend one of the two"
+            )
+        return points
 
 
 def load_photo(photo: Photo, *, size: int, valid_margin: float) -> LoadedPhoto:

@@ -11,9 +11,10 @@ import numpy as np
 from PIL import Image
 
 from fauna.data.crop_box import CropBox
-from fauna.data.fauna_folder import CategoryPhotos, read_fauna_folder
+from fauna.data.fauna_folder import CategoryPhotos, read_fauna_folder, read_keypoint_names
 from fauna.data.feature_cache import default_cache_root, write_atomically
 from fauna.data.photos import Photo, PhotoSource, RawPhoto
+from fauna.data.readers.keypoints import canonical_names
 from fauna.data.truth import LEGS, Truth3D
 from fauna.errors import FaunaError
 
@@ -35,6 +36,11 @@ class PhotoCollection(ABC):
         """Names of the keypoints that ``RawPhoto.keypoints`` and ``Truth3D.keypoints`` list, ``None`` without keypoints."""
         return None
 
+    @property
+    def left_out(self) -> tuple[tuple[str, str], ...]:
+        """(name, reason) of every annotation that :meth:`categories` does not list although the dataset has it."""
+        return ()
+
 
 class FaunaFolder(PhotoCollection):
     """Crops stored as files.
@@ -55,13 +61,22 @@ class FaunaFolder(PhotoCollection):
 
     def categories(self) -> dict[str, CategoryPhotos]:
         """Photos per species."""
-        return read_fauna_folder(self.root, photograph_pattern=self.photograph_pattern)
+        names = self.keypoint_names
+        return read_fauna_folder(
+            self.root, photograph_pattern=self.photograph_pattern, num_keypoints=None if names is None else len(names)
+        )
 
     @property
     def identity(self) -> str:
         """Folder name and a digest of its full path."""
         digest = hashlib.blake2b(str(self.root.resolve()).encode(), digest_size=6).hexdigest()
         return f"{self.root.resolve().name}-{digest}"
+
+    @property
+    def keypoint_names(self) -> tuple[str, ...] | None:
+        """From ``keypoint_names.json`` in the folder, under their canonical names."""
+        names = read_keypoint_names(self.root)
+        return None if names is None else canonical_names(names)
 
 
 class ZooPhotos(PhotoCollection):

@@ -1,0 +1,97 @@
+"""``data=animal3d``: images, masks and 2D keypoints of Animal3D. Its body model is not read.
+
+Written from public descriptions of the format, without the data at hand: ``{"data": [{"img_path", "mask_path", "keypoint_2d", ...}]}``.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+from fauna.data.readers.collection import Animal, KeypointPhotos, LeftOut, photograph_name
+from fauna.data.readers.files import entries, find_image, forward_slashes, keypoint_rows, read_json, require
+from fauna.data.readers.masks import MaskFile
+from fauna.errors import FaunaError
+
+
+class Animal3DPhotos(KeypointPhotos):
+    """Animals of Animal3D.
+
+    Args:
+        root: dataset folder, with ``images`` and masks as the annotations name them.
+        annotations: JSON file below the root with training photos, ``None`` = none.
+        test_annotations: the same with test photos.
+        images: folder below the root that image and mask paths start from.
+        crop_size: side of a crop, pixels.
+        species: the species to use, ``None`` = all.
+        species_pattern: regular expression with one group; a photograph whose path matches it is of the species the group names.
+        keypoint_names: the names in the order of the file, ``None`` = numbered. Public lists disagree about left and right.
+        min_visibility: smallest flag of a keypoint that counts as annotated.
+    """
+
+    def __init__(
+        self,
+        *,
+        root: str | None,
+        annotations: str | None,
+        test_annotations: str | None,
+        images: str,
+        crop_size: int,
+        species: list[str] | None,
+        species_pattern: str,
+        keypoint_names: list[str] | None,
+        min_visibility: float,
+    ) -> None:
+        super().__init__(root=root, images=images, crop_size=crop_size, box_margin=0.0, box_fill=1.0, species=species)
+        given = {"train": annotations, "test": test_annotations}
+        self.files = {split: file for split, file in given.items() if file is not None}
+        if not self.files:
+            raise FaunaError("data.source.annotations: expected a JSON file below data.root, got none; e.g. train.json")
+        self.species_pattern = re.compile(species_pattern)
+        self.given_names = None if keypoint_names is None else tuple(keypoint_names)
+        self.min_visibility = min_visibility
+
+    @property
+    def sources(self) -> Sequence[str]:
+        """The annotation files."""
+        return [f"{split}={file}" for split, file in self.files.items()]
+
+    def read_keypoint_names(self) -> tuple[str, ...] | None:
+        """As given, else ``keypoint_00``, ``keypoint_01``, ..."""
+        if self.given_names is not None:
+            return self.given_names
+        first = next((item for content in self._contents.values() for item in content), None)
+        return None if first is None else tuple(f"keypoint_{place:02d}" for place in range(len(first["keypoint_2d"])))
+
+    def animals(self, split: str) -> Iterator[Animal | LeftOut]:
+        """In the order of the file."""
+        for number, item in enumerate(self._contents.get(split, ())):
+            image = forward_slashes(str(item["img_path"]))
+            name = f"{self.root.name}/{self.files[split]}/{number:05d}"
+            match = self.species_pattern.fullmatch(image)
+            mask = find_image(self.images, forward_slashes(str(item["mask_path"])))
+            if match is None:
+                yield LeftOut(name, f"{image} names no species; see data.source.species_pattern")
+            elif mask is None:
+                yield LeftOut(name, f"mask {item['mask_path']} is missing")
+            else:
+                yield Animal(
+                    name=name,
+                    species=match[1],
+                    image=image,
+                    photograph=photograph_name(image, None, dataset=self.root.name),
+                    size=(int(item["width"]), int(item["height"])) if {"width", "height"} <= set(item) else None,
+                    box=None,
+                    mask=MaskFile(mask),
+                    keypoints=keypoint_rows(item["keypoint_2d"], name, shift=0.5, min_visibility=self.min_visibility),
+                )
+
+    @cached_property
+    def _contents(self) -> dict[str, list[Mapping[str, Any]]]:
+        return {split: self._content(file) for split, file in self.files.items()}
+
+    def _content(self, file: str) -> list[Mapping[str, Any]]:
+        where = str(self.root / file)
+        items = entries(require(read_json(self.root / file), ["data"], where)["data"], f"{where} data")
+        keys = ["img_path", "mask_path", "keypoint_2d"]
+        return [require(item, keys, f"{where} entry {number}") for number, item in enumerate(items)]
