@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from fauna.models3d.clips import Channel, Clip, Locals, world_from_node
 from fauna.models3d.glb import Glb, accessor, read_glb
 from fauna.models3d.materials import Material, read_materials
+from fauna.zoo.products import dot
 
 TRIANGLES = 4
 INTERPOLATIONS = ("STEP", "LINEAR", "CUBICSPLINE")
@@ -28,6 +29,7 @@ class Model:
         node_names: by node.
         parents: of each node, -1 at a root.
         rest: local transforms without animation.
+        bind_world: world from node in the pose the skin was made in, which is the symmetric one.
         clips: animations by name.
         slot_nodes: node of each slot.
         inverse_bind: slot from mesh.
@@ -44,6 +46,7 @@ class Model:
     node_names: tuple[str, ...]
     parents: Int[np.ndarray, " node"]
     rest: Locals
+    bind_world: Float[np.ndarray, "node 4 4"]
     clips: dict[str, Clip]
     slot_nodes: Int[np.ndarray, " slot"]
     inverse_bind: Float[np.ndarray, "slot 4 4"]
@@ -63,23 +66,25 @@ class Model:
             raise KeyError(name) from error
 
 
-def pose(
-    model: Model, local: Locals
-) -> tuple[Float[np.ndarray, "vert 3"], Float[np.ndarray, "node 4 4"]]:
+def skin(model: Model, world: Float[np.ndarray, "node 4 4"]) -> Float[np.ndarray, "vert 3"]:
     """Linear-blend skinning (glTF 2.0, section 3.7.3.3).
 
     Args:
         model: the model.
-        local: transforms of its nodes.
+        world: world from node.
 
     Returns:
-        Posed vertices and the transform of every node, both in the world of the file.
+        Posed vertices.
     """
-    world = world_from_node(local, model.parents)
     slots = np.einsum("sij,sjk->sik", world[model.slot_nodes], model.inverse_bind, optimize=False)[:, :3]
-    blended = np.einsum("vs,sk->vk", model.weights, slots.reshape(-1, 12), optimize=False).reshape(-1, 3, 4)
-    posed = np.einsum("vij,vj->vi", blended[:, :, :3], model.verts, optimize=False) + blended[:, :, 3]
-    return posed, world
+    blended = dot(model.weights, slots.reshape(-1, 12)).reshape(-1, 3, 4)
+    return np.einsum("vij,vj->vi", blended[:, :, :3], model.verts, optimize=False) + blended[:, :, 3]
+
+
+def pose(model: Model, local: Locals) -> tuple[Float[np.ndarray, "vert 3"], Float[np.ndarray, "node 4 4"]]:
+    """Posed vertices, and world from node."""
+    world = world_from_node(local, model.parents)
+    return skin(model, world), world
 
 
 @dataclass(frozen=True)
@@ -116,12 +121,15 @@ def _assemble(glb: Glb, nodes: list[dict[str, Any]]) -> Model:
         parents[node.get("children", [])] = index
     slot_nodes: list[int] = []
     inverse_bind: list[np.ndarray] = []
+    skinned: list[tuple[int, list[int], np.ndarray]] = []
     parts: list[tuple[int, _Part]] = []
     for index, node in enumerate(nodes):
         if "mesh" not in node:
             continue
         first = len(slot_nodes)
         joints, matrices = _skin(glb, node.get("skin"), index)
+        if "skin" in node:
+            skinned.append((index, joints, matrices))
         slot_nodes += joints
         inverse_bind += list(matrices)
         primitives = glb.entry("meshes", node["mesh"])["primitives"]
@@ -130,6 +138,7 @@ def _assemble(glb: Glb, nodes: list[dict[str, Any]]) -> Model:
         raise glb.error("a mesh of triangles", "none")
     sizes = [len(part.verts) for _, part in parts]
     offsets = np.cumsum([0, *sizes[:-1]])
+    rest = _rest(glb, nodes)
     weights = np.zeros((sum(sizes), len(slot_nodes)))
     for offset, (first, part) in zip(offsets, parts, strict=True):
         weights[offset : offset + len(part.verts), first : first + part.weights.shape[1]] = part.weights
@@ -137,7 +146,8 @@ def _assemble(glb: Glb, nodes: list[dict[str, Any]]) -> Model:
         name=glb.path.stem,
         node_names=tuple(str(node.get("name", f"node{index}")) for index, node in enumerate(nodes)),
         parents=parents,
-        rest=_rest(glb, nodes),
+        rest=rest,
+        bind_world=_bind_world(world_from_node(rest, parents), parents, skinned),
         clips={clip.name: clip for clip in _clips(glb, len(nodes))},
         slot_nodes=np.array(slot_nodes),
         inverse_bind=np.stack(inverse_bind),
@@ -165,6 +175,30 @@ def _skin(glb: Glb, skin: int | None, node: int) -> tuple[list[int], np.ndarray]
     if matrices.shape[1:] != (4, 4) or len(matrices) < len(joints):
         raise glb.error(f"{len(joints)} inverse bind matrices in skins[{skin}]", f"shape {matrices.shape}")
     return joints, matrices[: len(joints)]
+
+
+def _bind_world(
+    rest_world: np.ndarray, parents: np.ndarray, skinned: list[tuple[int, list[int], np.ndarray]]
+) -> np.ndarray:
+    """The pose in which a skinned mesh stands as its own node places it, in the size it has at rest."""
+    world, known = rest_world.copy(), np.zeros(len(parents), bool)
+    for node, joints, inverse_bind in skinned:
+        bound = rest_world[node] @ np.linalg.inv(inverse_bind)
+        size = np.linalg.det(rest_world[joints][:, :3, :3]) / np.linalg.det(bound[:, :3, :3])
+        world[joints] = np.diag([*(np.median(np.cbrt(size)),) * 3, 1.0]) @ bound
+        known[joints] = True
+    followers = [node for node in np.flatnonzero(~known) if _ancestor(node, parents, known) >= 0]
+    for node in followers:
+        joint = _ancestor(node, parents, known)
+        world[node] = world[joint] @ np.linalg.inv(rest_world[joint]) @ rest_world[node]
+    return world
+
+
+def _ancestor(node: int, parents: np.ndarray, among: np.ndarray) -> int:
+    """Nearest ancestor that is marked, -1 for none."""
+    while node >= 0 and not among[node]:
+        node = int(parents[node])
+    return node
 
 
 def _part(glb: Glb, primitive: dict[str, Any], slots: int) -> _Part:

@@ -17,14 +17,18 @@ class Refinement:
     """A fine mesh over a coarse one.
 
     Attributes:
-        fine_from_coarse: (fine, vert) rows sum to 1; applies to positions at rest and in any pose.
+        fine_from_coarse: (fine, vert) the first rows belong to the places; rows sum to 1; applies to positions at rest and in any pose.
         faces: (face, 3) of the fine mesh.
         corner_faces: (face,) coarse face each fine face lies in.
+        chosen: one given vertex of each place.
+        coarse_faces: (face, 3) places of the coarse mesh.
         corner_shares: (face, 3, 3) barycentric coordinates, within that coarse face, of the fine face's corners.
     """
 
     fine_from_coarse: csr_matrix
     faces: Int[np.ndarray, "face 3"]
+    chosen: Int[np.ndarray, " place"]
+    coarse_faces: Int[np.ndarray, "coarse 3"]
     corner_faces: Int[np.ndarray, " face"]
     corner_shares: Float[np.ndarray, "face 3 3"]
 
@@ -61,7 +65,7 @@ def refine(
     smooth = matrix[:count]
     toward = 2 * identity(count, format="csr") - smooth  # one step of fitting the control points
     pick = coo_matrix((np.ones(count), (np.arange(count), chosen)), (count, len(verts))).tocsr()
-    return Refinement((matrix @ toward @ pick).tocsr(), mesh, owner, shares)
+    return Refinement((matrix @ toward @ pick).tocsr(), mesh, chosen, joined[kept], owner, shares)
 
 
 def _subdivide(
