@@ -118,7 +118,7 @@ def _clips(path: Path, model: Model, entry: Entry) -> dict[str, Clip]:
     return {
         name: clip
         for name, clip in sorted(found.items())
-        if clip.channels and not any(word in name.lower() for word in LEFT_OUT)
+        if clip.channels and not any(word in name.lower() for word in (*LEFT_OUT, *entry.unlike))
     }
 
 

@@ -22,6 +22,7 @@ class Entry:
         eye: forward, up, sideways from the head's joint, in lengths from there to the nose.
         ear: likewise.
         donor: stem of the file whose clips it borrows, empty for none.
+        unlike: words in the names of clips that are no behaviour of this species.
         twin: stem of a file with the same mesh that is used in its place, empty for none.
     """
 
@@ -32,14 +33,15 @@ class Entry:
     eye: tuple[float, float, float]
     ear: tuple[float, float, float]
     donor: str = ""
+    unlike: tuple[str, ...] = ()
     twin: str = ""
 
 
 def _entry(
     species: str, family: str, rig: Rig, eye: tuple[float, float, float], ear: tuple[float, float, float],
-    *, licence: str = CC0, donor: str = "", twin: str = "",
+    *, licence: str = CC0, donor: str = "", unlike: tuple[str, ...] = (), twin: str = "",
 ) -> Entry:  # fmt: skip
-    return Entry(species, family, rig, licence, eye, ear, donor, twin)
+    return Entry(species, family, rig, licence, eye, ear, donor, unlike, twin)
 
 
 CATALOGUE: dict[str, Entry] = {
@@ -68,7 +70,8 @@ CATALOGUE: dict[str, Entry] = {
     "fox-cat": _entry("cat", "cat", MESH2MOTION_FOX, (0.8, 0.28, 0.29), (0.2, 0.78, 0.64),
                       licence=CC_BY, donor="fox-animations"),
     "fox-dog": _entry("dog", "small dog", MESH2MOTION_FOX, (0.45, 0.22, 0.3), (0.07, 0.68, 0.51), donor="fox-animations"),
-    "fox-horse": _entry("horse", "light horse", MESH2MOTION_FOX, (0.28, 0.27, 0.21), (0.01, 0.44, 0.23), donor="fox-animations"),
+    "fox-horse": _entry("horse", "light horse", MESH2MOTION_FOX, (0.28, 0.27, 0.21), (0.01, 0.44, 0.23),
+                        donor="fox-animations", unlike=("sit", "howl", "sneak", "fetch")),
     "fox-panda": _entry("panda", "panda", MESH2MOTION_FOX, (0.69, 0.2, 0.17), (0.02, 0.4, 0.43), donor="fox-animations"),
     "horse-animations": _entry("horse", "bay horse", MESH2MOTION_HORSE, (0.43, 0.3, 0.18), (0.0, 0.43, 0.19)),
 }  # fmt: skip

@@ -92,28 +92,31 @@ def paint(
     """
     recolour, choice, second = rng.random(), rng.random(), rng.random()
     patched, share, seed = rng.random(), rng.uniform(0.45, 0.6), int(rng.integers(2**20))
-    greyness, gain, tint = rng.uniform(0.0, 0.45), np.exp(rng.normal(0, 0.2)), np.exp(rng.normal(0, 0.04, 3))
+    greyness, gain, tint = rng.uniform(0.05, 0.5), np.exp(rng.normal(0, 0.2)), np.exp(rng.normal(0, 0.03, 3))
     shade, mottle, warmth = rng.uniform(0.0, 0.4), rng.uniform(0.15, 0.55), rng.uniform(0.0, 0.12)
     fur = (gloss <= FUR_GLOSS)[:, None]
-    albedo = base.copy()
-    grey = dot(albedo, np.array([0.3, 0.55, 0.15]))[:, None]
-    albedo += greyness * (grey - albedo)
-    colours = CHOICES.get(species, ())
+    albedo, colours = base, CHOICES.get(species, ())
     if colours and recolour < 0.5:
-        main = np.maximum(np.median(albedo[fur[:, 0]], axis=0) if fur.any() else albedo.mean(0), 0.02)
-        ratio = np.clip(albedo / main, 0.1, 8.0) ** 0.75
+        grey = _luminance(albedo)
+        ratio = np.clip(grey / max(float(np.median(grey[fur])) if fur.any() else 0.0, 0.02), 0.1, 8.0) ** 0.75
         albedo = np.where(fur, linear(colours[int(choice * len(colours))]) * ratio, albedo)
     if species in PATCHED and patched < 0.3:
         noise = value_noise(rest * 2.4, 3, seed)
         mask = smoothstep(share - 0.012, share + 0.012, noise + 0.02 * (value_noise(rest * 30, 2, seed + 1) - 0.5))
         other = linear(colours[int(second * len(colours))]) if colours else albedo
         albedo = np.where(fur, albedo + (other - albedo) * mask[:, None], albedo)
+    albedo = albedo + greyness * (_luminance(albedo) - albedo)
     albedo *= gain * tint * (1 - shade * 0.5 * normals[:, 1:2] * fur)
     coarse = value_noise(rest * 4.0, 3, seed + 2) - 0.5
     fine = value_noise(rest * [26, 14, 26], 2, seed + 3) - 0.5
     hue = (value_noise(rest * 3.0, 2, seed + 4) - 0.5)[:, None] * np.array([1.0, 0.1, -1.0])
     albedo *= 1 + np.where(fur, mottle * (coarse + 0.7 * fine)[:, None] + 2 * warmth * hue, 0.0)
+    albedo[:, 2] = np.where(fur[:, 0], np.minimum(albedo[:, 2], 0.93 * albedo[:, 1]), albedo[:, 2])  # no fur is blue
     return np.clip(albedo, DARKEST, LIGHTEST)
+
+
+def _luminance(colour: np.ndarray) -> np.ndarray:
+    return dot(colour, np.array([0.3, 0.6, 0.1]))[:, None]
 
 
 def paint_eyes(
