@@ -16,7 +16,6 @@ TRUTH = "truth."
 def pack_prediction(prediction: Prediction, **notes: object) -> Item:
     """All fields; ``notes`` must fit into JSON."""
     arrays = {f.name: getattr(prediction, f.name) for f in fields(Prediction) if f.name not in ("name", "category")}
-    arrays["silhouette"] = prediction.silhouette
     return Item(prediction.name, arrays, {"category": prediction.category, **notes})
 
 
@@ -28,28 +27,30 @@ def unpack_prediction(item: Item) -> Prediction:
 
 def pack_sample(sample: Sample, *, thumbnail: bytes) -> Item:
     """Mask (one bit a pixel), keypoints and truth of a photograph, and a small JPEG of it for the report."""
-    arrays = {"mask": np.packbits(sample.mask), "thumbnail": np.frombuffer(thumbnail, np.uint8)}
+    arrays = {"thumbnail": np.frombuffer(thumbnail, np.uint8)}
+    notes: dict[str, object] = {"category": sample.category}
+    if sample.mask is not None:
+        arrays["mask"] = np.packbits(sample.mask)
+        notes["size"] = sample.mask.shape[0]
     if sample.keypoints is not None:
         arrays["keypoints"] = sample.keypoints.astype(np.float32)
     if sample.truth is not None:
         arrays |= {TRUTH + f.name: _narrow(np.asarray(getattr(sample.truth, f.name))) for f in fields(Truth3D)}
-    return Item(sample.name, arrays, {"category": sample.category, "size": sample.mask.shape[0]})
+    return Item(sample.name, arrays, notes)
 
 
-def unpack_sample(item: Item, keypoint_names: Sequence[str] | None) -> Sample:
+def unpack_sample(item: Item, keypoint_names: Sequence[str]) -> Sample:
     """The sample of a bundle."""
-    size = item.notes["size"]
-    mask = np.unpackbits(item.arrays["mask"], count=size * size).reshape(size, size).astype(bool)
-    truth = None
+    mask = truth = None
+    if "mask" in item.arrays:
+        size = item.notes["size"]
+        mask = np.unpackbits(item.arrays["mask"], count=size * size).reshape(size, size).astype(bool)
     if any(name.startswith(TRUTH) for name in item.arrays):
         values = {f.name: item.arrays[TRUTH + f.name] for f in fields(Truth3D)}
         scalars = {name: float(values.pop(name)) for name in ("azimuth_deg", "elevation_deg")}
         truth = Truth3D(**values, **scalars)
     keypoints = item.arrays.get("keypoints")
-    names = None if keypoints is None or keypoint_names is None else tuple(keypoint_names)
-    return Sample(
-        name=item.name, category=item.notes["category"], mask=mask, keypoints=keypoints, keypoint_names=names, truth=truth
-    )
+    return Sample(item.name, item.notes["category"], mask, keypoints, tuple(keypoint_names), truth)
 
 
 def _narrow(array: np.ndarray) -> np.ndarray:

@@ -14,32 +14,30 @@ THUMBNAIL = 192
 """Side of the picture kept for the report, pixels."""
 
 
-def read_sample(photo: Photo, *, size: int, keypoint_names: Sequence[str] | None) -> tuple[Sample, bytes]:
+def read_sample(photo: Photo, *, size: int, keypoint_names: Sequence[str]) -> tuple[Sample, bytes]:
     """Mask, keypoints and truth of a photograph, and a JPEG of it.
 
     Args:
         photo: of the dataset.
         size: side of the mask, pixels.
-        keypoint_names: of the dataset, ``None`` when it has none; keypoints without names are numbered.
+        keypoint_names: of the dataset, empty when it has none.
 
     Raises:
         FaunaError: when the photograph cannot be used, or has another number of keypoints than there are names.
     """
     loaded = load_photo(photo, size=size, valid_margin=0.0)
     keypoints = None if loaded.keypoints is None else loaded.keypoints.numpy().astype(np.float32)
-    names: tuple[str, ...] | None = None
-    if keypoints is not None:
-        names = tuple(keypoint_names or (f"keypoint_{place:02d}" for place in range(len(keypoints))))
-        if len(names) != len(keypoints):
-            raise FaunaError(
-                f"photo {photo.name} expects {len(names)} keypoints, got {len(keypoints)}; mend its annotation"
-            )
+    if keypoints is not None and len(keypoints) != len(keypoint_names):
+        raise FaunaError(
+            f"photo {photo.name} expects {len(keypoint_names)} keypoints as the dataset names, got {len(keypoints)}; "
+            "mend its annotation"
+        )
     sample = Sample(
         name=photo.name,
         category=photo.category,
         mask=(loaded.mask > 0.5).numpy(),
         keypoints=keypoints,
-        keypoint_names=names,
+        keypoint_names=tuple(keypoint_names),
         truth=photo.source.truth(),
     )
     picture = Image.fromarray((loaded.image.permute(1, 2, 0).numpy() * 255).round().astype(np.uint8))

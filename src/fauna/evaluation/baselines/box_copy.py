@@ -26,10 +26,10 @@ class BoxCopy(TransferBaseline):
 
 
 def mask_box(sample: Sample) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """NDC of the mask's top left and bottom right corner; the whole picture for an empty mask."""
-    rows, columns = np.flatnonzero(sample.mask.any(axis=1)), np.flatnonzero(sample.mask.any(axis=0))
-    if not len(rows):
+    """NDC of the mask's top left and bottom right corner; the whole picture without a mask."""
+    if sample.mask is None or not sample.mask.any():
         return np.array([-1.0, -1.0]), np.array([1.0, 1.0])
+    rows, columns = np.flatnonzero(sample.mask.any(axis=1)), np.flatnonzero(sample.mask.any(axis=0))
     low, high = np.array([columns[0], rows[0]], float), np.array([columns[-1] + 1, rows[-1] + 1], float)
     return low * 2.0 / sample.mask.shape[0] - 1.0, high * 2.0 / sample.mask.shape[0] - 1.0
 

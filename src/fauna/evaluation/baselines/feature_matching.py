@@ -56,14 +56,15 @@ def describe(tokens: Float[Tensor, "chan grid grid"], sample: Sample) -> Describ
 
     Args:
         tokens: raw feature map of the photograph.
-        sample: with keypoints; where no cell is half inside the mask, those that are most inside count.
+        sample: with keypoints; where no cell is half inside the mask, those that are most inside count; without a mask all.
     """
     assert sample.keypoints is not None
     grid = tokens.shape[-1]
     units = F.normalize(tokens.cpu().float(), dim=0)
     points = torch.from_numpy(np.nan_to_num(sample.keypoints[:, :2])).float()[None, None]
     found = F.grid_sample(units[None], points, align_corners=False, padding_mode="border")[0, :, 0]
-    share = F.interpolate(torch.from_numpy(sample.mask).float()[None, None], size=(grid, grid), mode="area")[0, 0]
+    mask = np.ones((grid, grid), bool) if sample.mask is None else sample.mask
+    share = F.interpolate(torch.from_numpy(mask).float()[None, None], size=(grid, grid), mode="area")[0, 0]
     inside = (share >= min(0.5, float(share.max()))).reshape(-1)
     centre = (2 * np.arange(grid) + 1) / grid - 1
     places = np.stack(np.meshgrid(centre, centre), axis=-1).reshape(-1, 2)
