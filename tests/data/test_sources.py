@@ -1,10 +1,11 @@
-"""Data sources list photos; the zoo's keep nothing that training must not know."""
+"""Data sources list photos; what the zoo knows beyond its pictures is for evaluation."""
 
 import numpy as np
 import pytest
 
 from fauna.data.fauna_folder import CategoryPhotos
 from fauna.data.sources import FaunaFolder, ZooPhotos
+from fauna.data.truth import LEGS
 from fauna.errors import FaunaError
 from tests.runs import blob, dataset
 
@@ -35,19 +36,40 @@ def test_identity_tells_folders_apart(tmp_path):
     assert all(name.startswith("set-") for name in names)
 
 
-def test_zoo_photos_carry_no_keypoints_and_survive_the_cache():
-    found = zoo().categories()
+def test_zoo_photos_and_their_keypoints_survive_the_cache():
+    collection = zoo()
+    found = collection.categories()
     assert list(found) == ["dog", "horse"]
     assert all(isinstance(photos, CategoryPhotos) for photos in found.values())
     source = found["dog"].train[0].source
     drawn, cached = source.read(), source.read()
     for raw in (drawn, cached):
-        assert raw.keypoints is None
+        assert raw.keypoints.shape == (len(collection.keypoint_names), 3)
+        assert set(raw.keypoints[:, 2]) <= {0.0, 1.0}
         assert raw.image.shape == (32, 32, 3)
         assert raw.mask.any()
     assert np.array_equal(drawn.image, cached.image)
     assert np.array_equal(drawn.mask, cached.mask)
+    assert np.array_equal(drawn.keypoints, cached.keypoints)
     assert drawn.box == cached.box
+
+
+def test_truth_of_the_zoo_fits_its_photo():
+    collection = zoo(image_size=64)
+    source = collection.categories()["horse"].train[1].source
+    raw, truth = source.read(), source.truth()
+    clip = np.column_stack([truth.keypoints, np.ones(len(truth.keypoints))]) @ truth.clip_from_world.T
+    pixels = (clip[:, :2] / clip[:, 3:] + 1) * 32
+    np.testing.assert_allclose(pixels, raw.keypoints[:, :2], atol=1e-9)
+    shown = raw.keypoints[raw.keypoints[:, 2] > 0].astype(int)
+    near = [raw.mask[max(y - 3, 0) : y + 4, max(x - 3, 0) : x + 4].any() for x, y, _ in shown]
+    assert all(near)
+    assert len(near) >= 5
+    side = {name: truth.verts[truth.legs == leg].mean(axis=0) for leg, name in enumerate(LEGS)}
+    for name, middle in side.items():
+        paw = truth.keypoints[collection.keypoint_names.index(f"{name}_paw")]
+        others = [np.linalg.norm(other - paw) for key, other in side.items() if key != name]
+        assert np.linalg.norm(middle - paw) < min(others)
 
 
 def test_damaged_zoo_picture_is_drawn_again():

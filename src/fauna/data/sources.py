@@ -1,6 +1,7 @@
 """Data sources: what ``data=zoo`` and ``data=fauna`` have in common is that they list photos per species."""
 
 import hashlib
+import json
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,6 +14,7 @@ from fauna.data.crop_box import CropBox
 from fauna.data.fauna_folder import CategoryPhotos, read_fauna_folder
 from fauna.data.feature_cache import default_cache_root, write_atomically
 from fauna.data.photos import Photo, PhotoSource, RawPhoto
+from fauna.data.truth import LEGS, Truth3D
 from fauna.errors import FaunaError
 
 
@@ -105,6 +107,13 @@ class ZooPhotos(PhotoCollection):
         """Seed and sizes."""
         return f"zoo-{self.seed}-{self.image_size}-{self.photos_per_species}-{len(self.species)}"
 
+    @property
+    def keypoint_names(self) -> tuple[str, ...]:
+        """The twenty of Animal-Pose."""
+        from fauna.zoo.body import KEYPOINTS
+
+        return KEYPOINTS
+
 
 @dataclass(frozen=True)
 class ZooSource(PhotoSource):
@@ -130,7 +139,8 @@ class ZooSource(PhotoSource):
                 with Image.open(path) as picture:
                     rgba = np.array(picture)
                     box = CropBox(**{k: float(picture.info[k]) for k in CropBox.__dataclass_fields__})  # type: ignore[arg-type]
-                return RawPhoto(np.ascontiguousarray(rgba[..., :3]), rgba[..., 3] > 127, box, None)
+                    keypoints = np.array(json.loads(picture.info["keypoints"]))
+                return RawPhoto(np.ascontiguousarray(rgba[..., :3]), rgba[..., 3] > 127, box, keypoints)
             except (OSError, KeyError, ValueError, SyntaxError):
                 path.unlink(missing_ok=True)  # damaged: drawn again
         return self._draw(path)
@@ -139,6 +149,17 @@ class ZooSource(PhotoSource):
         """Digest of the seed, the photograph's place in the zoo and the code that draws it."""
         text = f"zoo|{zoo_digest()}|{self.seed}|{self.image_size}|{self.species}|{self.index}"
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+    def truth(self) -> Truth3D:
+        """Camera, posed surface, legs (vertices whose largest skin weight is a leg's bone) and keypoints; drawn again."""
+        zoo = _zoo(self.seed, self.image_size)
+        truth = zoo.sample(self.species, self.index).truth
+        animal = zoo._individual(self.species, truth.individual)  # what carries the skin is no part of a photograph
+        of_bone = np.array([_leg(name) for name in animal.body.joints])
+        return Truth3D(
+            truth.camera_from_world, truth.clip_from_world, truth.azimuth_deg, truth.elevation_deg,
+            truth.posed_verts, truth.faces, of_bone[animal.surface.weights.argmax(axis=1)], truth.keypoints,
+        )  # fmt: skip
 
     def _path(self) -> Path:
         key = self.content_key()
@@ -154,12 +175,20 @@ class ZooSource(PhotoSource):
         notes = PngInfo()
         for name in CropBox.__dataclass_fields__:
             notes.add_text(name, str(getattr(box, name)))
+        pixels = (sample.truth.keypoints_2d + 1) * (0.5 * self.image_size)
+        keypoints = np.column_stack([pixels, sample.truth.keypoint_visible])
+        notes.add_text("keypoints", json.dumps(keypoints.tolist()))
         buffer = io.BytesIO()
         Image.fromarray(np.dstack([sample.image, sample.mask])).save(
             buffer, format="PNG", pnginfo=notes, compress_level=1
         )
         write_atomically(path, buffer.getvalue())
-        return RawPhoto(sample.image, sample.mask > 127, box, None)
+        return RawPhoto(sample.image, sample.mask > 127, box, keypoints)
+
+
+def _leg(bone: str) -> int:
+    """Index into ``LEGS`` of the leg that a bone of the zoo belongs to, -1 for none."""
+    return next((index for index, leg in enumerate(LEGS) if bone.startswith(leg)), -1)
 
 
 @lru_cache(maxsize=1)

@@ -58,8 +58,8 @@ class Case:
 
     @property
     def mesh(self) -> Prediction:
-        """The prediction of a case without fault."""
-        assert self.prediction is not None and self.fault is None, "asked for the mesh of a faulty case"
+        """The prediction; asked for only where there is no fault."""
+        assert self.prediction is not None, f"{self.sample.name} has no mesh"
         return self.prediction
 
 

@@ -1,68 +1,22 @@
 """All metrics of a set of predictions, per species and overall, with intervals and with a reason for whatever is missing."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import torch
 
 from fauna.errors import FaunaError
 from fauna.evaluation.prediction import Prediction
-from fauna.metrics.iou import silhouette_iou
-from fauna.metrics.sample import Case, LeftOut, Sample, match
-from fauna.metrics.tally import Tally, column_values, image_tally, image_values, resampling, summarise
+from fauna.metrics.iou import iou_metric
+from fauna.metrics.keypoint_metrics import map_metric, pair_outcome, transfer_metric
+from fauna.metrics.outcome import Metric, Options, Outcome
+from fauna.metrics.sample import Sample, match
+from fauna.metrics.tally import Tally, column_values, image_values, resampling, summarise
+from fauna.metrics.transfer import Transfer, transfer_by_function
+from fauna.metrics.truth_metrics import global_flip, surface_metric, viewpoint_metric
 
-
-@dataclass(frozen=True)
-class Options:
-    """Choices of an evaluation.
-
-    Attributes:
-        seed: of pairs, splits, surface points.
-        pairs: largest number of ordered pairs per species.
-        settings: names of settings beyond the plain ones, see :func:`score`.
-        flip: whether the model's +z is the tail, see ``fauna.metrics.viewpoint``.
-    """
-
-    seed: int
-    pairs: int
-    settings: frozenset[str]
-    flip: bool
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a metric says about one species: tallies by key, and the images it leaves out."""
-
-    tallies: Mapping[str, Tally]
-    left_out: Sequence[LeftOut]
-
-
-Metric = Callable[[Sequence[Case], Options], Outcome]
-
-
-def iou_metric(cases: Sequence[Case], options: Options) -> Outcome:
-    """``iou``: of the rendered silhouette and the mask."""
-    values: list[float | None] = []
-    left_out = []
-    for case in cases:
-        mask, prediction = case.sample.mask, case.prediction
-        if mask is None or prediction is None:
-            values.append(None)
-            left_out.append(LeftOut(case.sample.name, "iou", "no mask" if mask is None else "no prediction"))
-            continue
-        if mask.shape != prediction.silhouette.shape:
-            raise FaunaError(
-                f"expected a mask of {prediction.silhouette.shape[0]} pixels for {case.sample.name} as its silhouette, "
-                f"got {mask.shape[0]}; load the dataset at the model's image size"
-            )
-        silhouette = torch.from_numpy(prediction.silhouette.astype(np.float32) / 255)[None]
-        values.append(float(silhouette_iou(silhouette, torch.from_numpy(mask).float()[None])[0]))
-    return Outcome({"iou": image_tally(values)}, left_out)
-
-
-METRICS: tuple[Metric, ...] = (iou_metric,)
+METRICS: tuple[Metric, ...] = (iou_metric, transfer_metric, map_metric, surface_metric, viewpoint_metric)
+SETTINGS = ("shared_base", "fit_on_test", "similarity")
 
 
 def score(
@@ -72,7 +26,7 @@ def score(
     seed: int,
     pairs: int,
     bootstrap: int,
-    settings: Sequence[str] = (),
+    settings: Sequence[str] = ("fit_on_test", "similarity"),
 ) -> dict[str, Any]:
     """Score predictions.
 
@@ -82,21 +36,72 @@ def score(
         seed: of pairs, splits, surface points and resampling.
         pairs: largest number of ordered pairs per species (20,000 in the paper); all pairs if there are fewer.
         bootstrap: number of replicates of the intervals.
-        settings: further settings, each with suffixed keys.
+        settings: settings beyond the plain ones, with keys of their own: ``shared_base`` (keypoint transfer by vertex index; needs
+            predictions with equal triangles), ``fit_on_test`` (keypoint map fitted and tested on all photos), ``similarity``
+            (surfaces compared after a rigid alignment with scale).
 
     Returns:
-        ``metrics``: by key ``{value, low, high, n}``, the mean over species; pair metrics also tell ``pairs``.
+        ``metrics``: by key ``{value, low, high, n}``, the mean over species; pair metrics also tell ``pairs``. ``global_flip`` is 1
+        if all predictions were turned by half a turn for viewpoint and legs.
         ``species``: by name ``{"metrics": ..., "keypoints": {keypoint: {key: {value, n}}}}``.
         ``images``: by photo name and key its own score (of a pair metric: over the pairs it is the target of).
         ``left_out``: ``{name, metric, reason}`` of every image that a metric does not count.
 
     Raises:
-        FaunaError: predictions and samples that do not belong together.
+        FaunaError: predictions and samples that do not belong together, an unknown setting, different triangles with
+            ``shared_base``.
     """
-    options = Options(seed, pairs, frozenset(settings), flip=False)
+    unknown = sorted(set(settings) - set(SETTINGS))
+    if unknown:
+        raise FaunaError(f"settings: expected names among {', '.join(SETTINGS)}, got {unknown[0]!r}; choose among them")
     cases = match(predictions, samples)
+    flip = global_flip(cases)
+    options = Options(seed, pairs, frozenset(settings), bool(flip))
     outcomes = {species: [metric(of_species, options) for metric in METRICS] for species, of_species in cases.items()}
     names = {species: [case.sample.name for case in of_species] for species, of_species in cases.items()}
+    result = report(names, outcomes, seed=seed, bootstrap=bootstrap)
+    count = result["metrics"]["azimuth_error_deg"]["n"] if cases else 0
+    result["metrics"]["global_flip"] = {
+        "value": None if flip is None else float(flip),
+        "low": None,
+        "high": None,
+        "n": count,
+    }
+    return result
+
+
+def score_transfer(
+    transfer: Transfer, samples: Sequence[Sample], *, seed: int, pairs: int, bootstrap: int
+) -> dict[str, Any]:
+    """``kt_pck@0.1`` and ``kt_pck@0.1_lr_free`` of any method, on the same pairs and by the same rule as :func:`score`.
+
+    Args:
+        transfer: from indices of source and target into ``samples`` to (key, 2) positions in the target, NDC; NaN is a miss.
+        samples: the annotated photos.
+        seed: of pairs and resampling.
+        pairs: largest number of ordered pairs per species.
+        bootstrap: number of replicates of the intervals.
+
+    Returns:
+        As :func:`score`.
+    """
+    options = Options(seed, pairs, frozenset(), flip=False)
+    place = {sample.name: index for index, sample in enumerate(samples)}
+    cases = match((), samples)
+    names = {species: [case.sample.name for case in of_species] for species, of_species in cases.items()}
+    outcomes = {}
+    for species, of_species in cases.items():
+        index = np.array([place[name] for name in names[species]])
+        number = len(of_species[0].sample.keypoint_names)
+        outcomes[species] = [
+            pair_outcome(
+                of_species,
+                options,
+                [None] * len(of_species),
+                lambda rows, index=index, number=number: transfer_by_function(transfer, number, index[rows]),
+                "",
+            )
+        ]
     return report(names, outcomes, seed=seed, bootstrap=bootstrap)
 
 
