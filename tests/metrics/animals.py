@@ -12,6 +12,7 @@ from fauna.metrics.visibility import keypoint_vertices, to_ndc
 SKELETON_LEG = {"left_front": 0, "left_back": 1, "right_back": 2, "right_front": 3}
 NAMES = ("nose", "tailbase", *(f"{leg}_{part}" for leg in LEGS for part in ("paw", "knee")), "withers")
 SIZE = 64
+FOCAL = 1 / np.tan(np.radians(12.5))
 
 
 def tube(rings, around):
@@ -81,7 +82,7 @@ def pose(points, legs, angles):
     return out
 
 
-def camera(azimuth_deg, elevation_deg=5.0, *, shift=(0.0, 0.0), distance=10.0, focal=1 / np.tan(np.radians(12.5))):
+def camera(azimuth_deg, elevation_deg=5.0, *, shift=(0.0, 0.0), distance=10.0, focal=FOCAL):
     """(camera_from_world, clip_from_world) of a camera around the origin."""
     a, e = np.radians([azimuth_deg, elevation_deg])
     back = np.array([-np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
