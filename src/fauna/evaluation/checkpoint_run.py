@@ -49,7 +49,7 @@ def predict_checkpoint(cfg: DictConfig, folder: Path) -> None:
     gatherer = Gatherer(
         folder=folder,
         model=model,
-        config=stored,
+        fresh_model=lambda: build_model(stored, encoder),
         data=data,
         subjects=subjects,
         facts={"checkpoint": checkpoint, "dataset": dataset},

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from omegaconf import DictConfig
 from rich.progress import track
 
 from fauna.data.datamodule import PhotoDataModule
@@ -42,7 +41,7 @@ class Gatherer:
     Args:
         folder: of the predictions.
         model: in evaluation mode.
-        config: it was built from.
+        fresh_model: builds a model of the same architecture with new random weights.
         data: makes batches.
         subjects: the photographs.
         facts: what the protocol says about checkpoint and dataset; identifies the folder.
@@ -54,7 +53,7 @@ class Gatherer:
         *,
         folder: Path,
         model: FaunaModel,
-        config: DictConfig,
+        fresh_model: Callable[[], FaunaModel],
         data: PhotoDataModule,
         subjects: Subjects,
         facts: Mapping[str, Any],
@@ -62,7 +61,7 @@ class Gatherer:
     ) -> None:
         self.folder = folder
         self.model = model
-        self.config = config
+        self.fresh_model = fresh_model
         self.data = data
         self.subjects = subjects
         self.size = size
@@ -106,7 +105,7 @@ class Gatherer:
         found = {item.name: unpack_prediction(item) for item in items}
         return Bench(
             model=self.model,
-            config=self.config,
+            fresh_model=self.fresh_model,
             data=self.data,
             photos=[photo for photo in photos if photo.name in found],
             samples=samples,

@@ -32,10 +32,11 @@ def read_sample(photo: Photo, *, size: int, keypoint_names: Sequence[str]) -> tu
             f"photo {photo.name} expects {len(keypoint_names)} keypoints as the dataset names, got {len(keypoints)}; "
             "mend its annotation"
         )
+    boxed = getattr(photo.source, "mask_source", "annotation") == "box"  # a box is no mask: it must not be scored as one
     sample = Sample(
         name=photo.name,
         category=photo.category,
-        mask=(loaded.mask > 0.5).numpy(),
+        mask=None if boxed else (loaded.mask > 0.5).numpy(),
         keypoints=keypoints,
         keypoint_names=tuple(keypoint_names),
         truth=photo.source.truth(),

@@ -123,7 +123,9 @@ def _column_mean(
 
 
 def _mean_ignoring_nan(rows: Sequence[Float[np.ndarray, " replicate"]]) -> Float[np.ndarray, " replicate"]:
-    table = np.array(rows).reshape(len(rows), -1)
+    if not rows:  # no species has a value
+        return np.zeros(0)
+    table = np.array(rows)
     finite = np.isfinite(table)
     return np.where(
         finite.any(axis=0), np.where(finite, table, 0).sum(axis=0) / np.maximum(finite.sum(axis=0), 1), np.nan

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from omegaconf import DictConfig
 
 from fauna.data.datamodule import PhotoDataModule
 from fauna.data.photos import Photo
@@ -24,7 +23,7 @@ class Bench:
 
     Attributes:
         model: under evaluation, in evaluation mode.
-        config: it was built from.
+        fresh_model: builds a model of the same architecture with new random weights.
         data: makes batches of one photo.
         photos: that were predicted, in order.
         samples: of these photos, by name.
@@ -35,7 +34,7 @@ class Bench:
     """
 
     model: FaunaModel
-    config: DictConfig
+    fresh_model: Callable[[], FaunaModel]
     data: PhotoDataModule
     photos: Sequence[Photo]
     samples: Mapping[str, Sample]

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 
 import torch
 
-from fauna.build import build_model
 from fauna.data.photos import Photo
 from fauna.evaluation.baselines.base import Bench, MeshBaseline
 from fauna.evaluation.predict import predict
@@ -23,7 +22,7 @@ class Untrained(MeshBaseline):
         """One by one, like the model."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(SEED)
-            model = build_model(bench.config, bench.model.encoder)
+            model = bench.fresh_model()
         model.feature_space.load_state_dict(bench.model.feature_space.state_dict())
         model.set_stage(bench.model.stage)
         model.to(bench.model.device).eval()
