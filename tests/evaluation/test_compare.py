@@ -24,7 +24,8 @@ def random_scores(seed: int, shift: float, spread: float) -> dict[str, dict[str,
     rng = np.random.default_rng(seed)
     sizes = {"dog": 12, "horse": 5}
     return {
-        s: {f"{s}/{i}": float(0.5 + 0.02 * i + shift + spread * rng.normal()) for i in range(n)} for s, n in sizes.items()
+        s: {f"{s}/{i}": float(0.5 + 0.02 * i + shift + spread * rng.normal()) for i in range(n)}
+        for s, n in sizes.items()
     }
 
 
@@ -72,7 +73,9 @@ def test_only_shared_photographs_are_paired_and_the_rest_is_told():
 
 
 def test_nothing_in_common_gives_no_number():
-    row = paired(loaded("a", {"dog": {"x": 0.1}}), loaded("b", {"dog": {"y": 0.1}}), "metrics", "iou", bootstrap=9, seed=0)
+    row = paired(
+        loaded("a", {"dog": {"x": 0.1}}), loaded("b", {"dog": {"y": 0.1}}), "metrics", "iou", bootstrap=9, seed=0
+    )
     assert row == {"difference": None, "low": None, "high": None, "p": None, "n": 0}
 
 
@@ -119,7 +122,9 @@ def sweep(tmp_path, slots=(2, 60)):
         run = tmp_path / "sweep" / str(job)
         (run / ".hydra").mkdir(parents=True)
         (run / "weights.safetensors").write_bytes(b"")
-        (run / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump(["+experiment=laptop", f"bank.num_slots={number}"]))
+        (run / ".hydra" / "overrides.yaml").write_text(
+            yaml.safe_dump(["+experiment=laptop", f"bank.num_slots={number}"])
+        )
     return tmp_path / "sweep"
 
 

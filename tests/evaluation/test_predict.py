@@ -133,7 +133,9 @@ def test_report_of_a_run(evaluated, run):
     for name in ("report.json", "report.md", "report.html", "images.json", "predictions/facts.json"):
         assert (folder / name).is_file(), name
     trained = json.loads((run / "result.json").read_text())["trained"]
-    assert report["validation"]["iou"] == pytest.approx(trained["iou"], abs=0.02)  # weights are rounded to half precision
+    assert report["validation"]["iou"] == pytest.approx(
+        trained["iou"], abs=0.02
+    )  # weights are rounded to half precision
 
 
 def test_stored_predictions_give_the_same_report_without_the_model(evaluated, tmp_path, monkeypatch):

@@ -66,7 +66,11 @@ def draw_cases(
     for each in sorted(ranked)[:species]:
         rows = sorted(ranked[each], reverse=True)
         places = {"best": 0, "median": (len(rows) - 1) // 2, "worst": len(rows) - 1}
-        chosen = {rank: place for rank, place in places.items() if list(places.values()).index(place) == list(places).index(rank)}
+        chosen = {
+            rank: place
+            for rank, place in places.items()
+            if list(places.values()).index(place) == list(places).index(rank)
+        }
         sources = [name for _, name in rows if samples[name].keypoints is not None]
         for rank, place in chosen.items():
             value, name = rows[place]

@@ -62,7 +62,9 @@ def predict_checkpoint(cfg: DictConfig, folder: Path) -> None:
     bench = gatherer.predictions(samples, instantiate(stored.losses, _convert_="all"))
     gatherer.baselines(bench, cfg.baselines, seed=cfg.seed, pairs=cfg.pairs)
     gatherer.probes(bench, cfg.probes, ProbeOptions(steps=cfg.probe_steps, lr=cfg.probe_lr), cfg.probe_photos)
-    gatherer.finish(bench, {"baselines": list(cfg.baselines), "probes": list(cfg.probes), "probe_steps": cfg.probe_steps})
+    gatherer.finish(
+        bench, {"baselines": list(cfg.baselines), "probes": list(cfg.probes), "probe_steps": cfg.probe_steps}
+    )
 
 
 def _dataset(stored: DictConfig, given: DictConfig) -> DictConfig:

@@ -77,7 +77,11 @@ def compare(loaded: Sequence[Loaded], *, bootstrap: int, seed: int) -> dict[str,
         for key in ordered(reported[0]):
             others = [paired(first, other, group, key, bootstrap=bootstrap, seed=seed) for other in loaded[1:]]
             values = [metrics.get(key, {}).get("value") for metrics in reported]
-            rows[key] = {"values": values, "better": "lower" if lower_is_better(key) else "higher", "against_first": others}
+            rows[key] = {
+                "values": values,
+                "better": "lower" if lower_is_better(key) else "higher",
+                "against_first": others,
+            }
         groups[group] = rows
     return {"reports": [each.name for each in loaded], "warnings": _warnings(loaded), "metrics": groups}
 
@@ -182,7 +186,9 @@ def _warnings(loaded: Sequence[Loaded]) -> list[str]:
     for other in loaded[1:]:
         theirs = other.report["protocol"]
         if theirs["dataset"]["sha256"] != first["dataset"]["sha256"]:
-            found.append(f"{other.name} was evaluated on other photographs than {loaded[0].name}; only shared ones are paired")
+            found.append(
+                f"{other.name} was evaluated on other photographs than {loaded[0].name}; only shared ones are paired"
+            )
         for key in ("seed", "pairs", "size", "settings"):
             if theirs[key] != first[key]:
                 found.append(f"{other.name} has {key}={theirs[key]}, {loaded[0].name} has {key}={first[key]}")

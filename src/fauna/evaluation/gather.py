@@ -149,7 +149,9 @@ class Gatherer:
         write_json(content, self.folder / FACTS)
 
     def _groups(self, bench: Bench) -> dict[str, list[str]]:
-        return {name: [p.name for p in photos if p.name in bench.samples] for name, photos in self.subjects.groups.items()}
+        return {
+            name: [p.name for p in photos if p.name in bench.samples] for name, photos in self.subjects.groups.items()
+        }
 
     def _predicted(self, photo: Photo, objective: Objective) -> Item:
         batch = self.model.with_features(self.data.single(photo).to(self.model.device))

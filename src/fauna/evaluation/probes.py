@@ -90,8 +90,9 @@ def fit(model: FaunaModel, photo: Batch, free: Freedom, options: ProbeOptions) -
         posed, camera, pose = _apply(model, start, parameters)
         silhouette = render_silhouette(model.renderer, posed, camera, size)
         loss = ((silhouette - photo.masks) * photo.valid).square().mean()
-        if float(loss) < lowest:
-            best, lowest = _detached(start, posed, camera, pose), float(loss)
+        error = float(loss.detach())
+        if error < lowest:
+            best, lowest = _detached(start, posed, camera, pose), error
         if step == options.steps or optimizer is None:
             break
         optimizer.zero_grad()

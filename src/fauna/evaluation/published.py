@@ -38,9 +38,7 @@ def _apt(method: str, values: tuple[float, float, float, float], source: str) ->
 
 
 def _animal3d(method: str, values: tuple[float, float, float], source: str) -> PublishedRow:
-    return PublishedRow(
-        method, "Animal3D", FITTED, tuple(zip(("horse", "cow", "zebra"), values, strict=True)), source
-    )
+    return PublishedRow(method, "Animal3D", FITTED, tuple(zip(("horse", "cow", "zebra"), values, strict=True)), source)
 
 
 COMPARISON = (
@@ -82,9 +80,7 @@ ABLATIONS = (
 """The supplement's ablations."""
 
 BANK_SIZES = tuple(
-    PublishedRow(
-        f"3D-Fauna, K = {slots}", "PASCAL", FITTED, (("all", value),), "supplement, bank size table"
-    )
+    PublishedRow(f"3D-Fauna, K = {slots}", "PASCAL", FITTED, (("all", value),), "supplement, bank size table")
     for slots, value in ((2, 0.724), (10, 0.766), (60, 0.782), (100, 0.788), (500, 0.789))
 )
 """The supplement's table of K."""

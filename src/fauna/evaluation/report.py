@@ -10,7 +10,7 @@ from fauna.evaluation.protocol import build_protocol
 from fauna.evaluation.published import DIFFERENCES, HERE, ROWS
 from fauna.evaluation.report_html import html_report
 from fauna.evaluation.report_md import headline, markdown_report
-from fauna.evaluation.scoring import Scorer, ScoreOptions
+from fauna.evaluation.scoring import ScoreOptions, Scorer
 from fauna.io.run_folder import write_json
 
 FORMAT = 1

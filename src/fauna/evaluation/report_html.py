@@ -66,7 +66,9 @@ def html_report(
     run = html.escape(str(report["protocol"]["checkpoint"]["run"]))
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-        f"<title>fauna evaluation: {run}</title><style>{STYLE}</style></head><body>\n" + "\n".join(body) + "\n</body></html>\n"
+        f"<title>fauna evaluation: {run}</title><style>{STYLE}</style></head><body>\n"
+        + "\n".join(body)
+        + "\n</body></html>\n"
     )
 
 
@@ -128,7 +130,9 @@ def _cases(title: str, cases: Sequence[DrawnCase]) -> str:
 
 def _protocol(report: Mapping[str, Any]) -> str:
     protocol = report["protocol"]
-    rules = "".join(f"<li><b>{html.escape(name)}</b>: {html.escape(rule)}</li>" for name, rule in protocol["rules"].items())
+    rules = "".join(
+        f"<li><b>{html.escape(name)}</b>: {html.escape(rule)}</li>" for name, rule in protocol["rules"].items()
+    )
     raw = html.escape(json.dumps({key: value for key, value in protocol.items() if key != "definitions"}, indent=1))
     return (
         f'<h2 id="protocol">Protocol</h2><ul>{rules}</ul>'

@@ -128,9 +128,7 @@ def _metrics(title: str, metrics: Mapping[str, Any]) -> Table:
 
 def _species(title: str, species: Mapping[str, Any]) -> Table:
     keys = ordered({key for row in species.values() for key in row["metrics"]})
-    rows = [
-        (name, *(spell(row["metrics"].get(key, {}).get("value")) for key in keys)) for name, row in species.items()
-    ]
+    rows = [(name, *(spell(row["metrics"].get(key, {}).get("value")) for key in keys)) for name, row in species.items()]
     return Table(title, "", ("species", *keys), rows)
 
 

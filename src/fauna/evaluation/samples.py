@@ -32,7 +32,9 @@ def read_sample(photo: Photo, *, size: int, keypoint_names: Sequence[str]) -> tu
             f"photo {photo.name} expects {len(keypoint_names)} keypoints as the dataset names, got {len(keypoints)}; "
             "mend its annotation"
         )
-    boxed = getattr(photo.source, "mask_source", "annotation") == "box"  # a box is no mask: it must not be scored as one
+    boxed = (
+        getattr(photo.source, "mask_source", "annotation") == "box"
+    )  # a box is no mask: it must not be scored as one
     sample = Sample(
         name=photo.name,
         category=photo.category,

@@ -64,7 +64,9 @@ def find_runs(sweep: Path) -> list[Path]:
             f"table: expected the folder of a sweep (fauna-train -m ...) whose runs hold weights, got {sweep} without any; "
             "check the path"
         )
-    return sorted(usable, key=lambda run: (not run.name.isdigit(), int(run.name) if run.name.isdigit() else 0, run.name))
+    return sorted(
+        usable, key=lambda run: (not run.name.isdigit(), int(run.name) if run.name.isdigit() else 0, run.name)
+    )
 
 
 def build_table(runs: Sequence[Path], *, seed: int) -> dict[str, Any]:
@@ -78,7 +80,11 @@ def build_table(runs: Sequence[Path], *, seed: int) -> dict[str, Any]:
         ``changed``: keys that differ between runs; ``runs``: ``name``, ``overrides``, ``metrics``, ``against_first``.
     """
     overrides = [_overrides(run) for run in runs]
-    changed = [key for key in dict.fromkeys(key for each in overrides for key in each) if len({e.get(key) for e in overrides}) > 1]
+    changed = [
+        key
+        for key in dict.fromkeys(key for each in overrides for key in each)
+        if len({e.get(key) for e in overrides}) > 1
+    ]
     loaded = [load(run / REPORT) for run in runs]
     rows = []
     for run, given, report in zip(runs, overrides, loaded, strict=True):

@@ -10,8 +10,8 @@ from jaxtyping import Float
 from fauna.data.feature_cache import write_atomically
 from fauna.errors import FaunaError
 from fauna.evaluation.baselines.base import Bench, Transfer
-from fauna.metrics.score import score_transfer
 from fauna.metrics.sample import Sample
+from fauna.metrics.score import score_transfer
 
 Positions = dict[tuple[str, str], Float[np.ndarray, "key 2"]]
 """Predicted NDC by (source, target) photo."""
@@ -45,9 +45,7 @@ def record_transfers(
     for names in groups.values():
         samples = [bench.samples[name] for name in names if bench.samples[name].keypoints is not None]
 
-        def recording(
-            source: int, target: int, samples: Sequence[Sample] = samples
-        ) -> Float[np.ndarray, "key 2"]:
+        def recording(source: int, target: int, samples: Sequence[Sample] = samples) -> Float[np.ndarray, "key 2"]:
             first, second = samples[source], samples[target]
             found = np.asarray(transfer(first, second), np.float32)
             positions[first.name, second.name] = found

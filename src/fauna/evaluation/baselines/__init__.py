@@ -21,7 +21,9 @@ def check_baselines(names: Sequence[str]) -> None:
     """
     for name in names:
         if name not in available():
-            raise FaunaError(f"baselines: expected names among {', '.join(available())}, got {name!r}; correct the list")
+            raise FaunaError(
+                f"baselines: expected names among {', '.join(available())}, got {name!r}; correct the list"
+            )
 
 
 def get_baseline(name: str) -> MeshBaseline | TransferBaseline:
