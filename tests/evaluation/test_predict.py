@@ -140,8 +140,8 @@ def test_report_of_a_run(evaluated, run):
 
 def test_stored_predictions_give_the_same_report_without_the_model(evaluated, tmp_path, monkeypatch):
     folder, report = evaluated
-    for name in ("build_model", "build_encoder", "load_weights"):
-        monkeypatch.setattr(f"fauna.evaluation.checkpoint_run.{name}", None)
+    for name in ("fauna.build.build_model", "fauna.build.build_encoder", "fauna.io.checkpoint.load_weights"):
+        monkeypatch.setattr(name, None)
     again = evaluate(configured(f"predictions='{folder}/predictions'", *FAST), tmp_path)
     assert comparable(again) == comparable(report)
 
@@ -181,7 +181,7 @@ def test_a_broken_photograph_is_left_out_by_name(run, tmp_path):
     (root / "long" / "train" / "a_mask.png").write_bytes(b"broken")
     overrides = ["data=fauna", f"data.root='{root}'", "baselines=[]"]
     report = evaluate(configured(f"checkpoint='{run}'", *FAST, *overrides), tmp_path / "out")
-    row = next(row for row in report["left_out"] if row["metric"] == "all")
+    row = next(row for row in report["left_out"] if row["metrics"] == ["all"])
     assert row["count"] == 1
     assert row["names"][0].endswith("long/train/a")
     assert "a_mask.png expects a readable image" in row["reason"]

@@ -39,10 +39,18 @@ def test_report_has_its_parts(predictions, tmp_path):
     assert stored["protocol"]["dataset"]["sha256"] == "1" * 64
     assert stored["protocol"]["definitions"]["iou"]
     assert stored["validation"]["iou"] == pytest.approx(0.8)
-    assert {"name", "iou"} & set(stored["left_out"][0]) == set()
     assert stored["left_out"][0] == {
-        "of": "model", "metric": "all", "reason": "a broken file", "count": 1, "names": ["long/9"],
-    }  # fmt: skip
+        "of": "model",
+        "metrics": ["all"],
+        "reason": "a broken file",
+        "count": 1,
+        "names": ["long/9"],
+    }
+    whole = next(row for row in stored["left_out"] if "chamfer" in row["metrics"] and row["of"] == "model")
+    assert {"novel_view_iou", "azimuth_error_deg"} <= set(whole["metrics"])
+    assert (whole["names"], whole["count"]) == (["long", "round"], 6)
+    assert "chamfer" in stored["metrics"]
+    assert "| chamfer |" not in (tmp_path / "out" / "report.md").read_text().split("## What the keys mean")[0]
 
 
 def test_scoring_again_gives_the_same_report(predictions, tmp_path):
@@ -76,7 +84,7 @@ def test_without_keypoints_the_reason_is_named(tmp_path):
     report = write_reports(folder, tmp_path / "out", OPTIONS, pictures=5)
     assert report["metrics"]["iou"]["value"] == 1.0
     assert report["metrics"].get("kt_pck@0.1", {"value": None})["value"] is None
-    reasons = {(row["metric"], row["reason"]) for row in report["left_out"]}
+    reasons = {(metric, row["reason"]) for row in report["left_out"] for metric in row["metrics"]}
     assert ("keypoint metrics", "the dataset has no keypoints") in reasons
     assert ("3D metrics", "the dataset has no 3D truth") in reasons
 

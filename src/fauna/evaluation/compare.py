@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from fauna.errors import FaunaError
 from fauna.evaluation.protocol import lower_is_better
-from fauna.evaluation.report_md import ordered, spell
+from fauna.evaluation.report_md import counted, spell
 from fauna.io.run_folder import write_json
 from fauna.random import derive_seed
 
@@ -74,7 +74,7 @@ def compare(loaded: Sequence[Loaded], *, bootstrap: int, seed: int) -> dict[str,
     for group in first.images:
         reported = [_metrics(each, group) for each in loaded]
         rows = {}
-        for key in ordered(reported[0]):
+        for key in counted(reported[0]):
             others = [paired(first, other, group, key, bootstrap=bootstrap, seed=seed) for other in loaded[1:]]
             values = [metrics.get(key, {}).get("value") for metrics in reported]
             rows[key] = {
@@ -116,7 +116,8 @@ def load(folder: Path) -> Loaded:
     """
     try:
         report, images = (json.loads((folder / name).read_text("utf-8")) for name in ("report.json", "images.json"))
-        report["metrics"], report["protocol"]
+        if not {"metrics", "protocol"} <= set(report):
+            raise ValueError("another kind of report")
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise FaunaError(
             f"compare: expected a folder with report.json and images.json, got {folder} ({type(error).__name__}); "

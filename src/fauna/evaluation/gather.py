@@ -19,7 +19,7 @@ from fauna.evaluation.baselines import get_baseline
 from fauna.evaluation.baselines.base import Bench, MeshBaseline
 from fauna.evaluation.predict import predict
 from fauna.evaluation.prediction import Prediction
-from fauna.evaluation.probes import ProbeOptions, probe
+from fauna.evaluation.probes import ProbeOptions, check_probes, probe
 from fauna.evaluation.records import pack_prediction, pack_sample, unpack_prediction, unpack_sample
 from fauna.evaluation.samples import read_sample
 from fauna.evaluation.store import ArrayStore, Item
@@ -132,7 +132,7 @@ class Gatherer:
         """Fit the first ``number`` photographs of the main group."""
         wanted = {photo.name for photo in self.subjects.groups.get(SEEN, ())}
         photos = [photo for photo in bench.photos if photo.name in wanted][:number]
-        for name in names:
+        for name in check_probes(names):
             with self._timed(f"probe_{name}"):
                 self._from_meshes(f"probe_{name}", photos, lambda todo, n=name: probe(bench, todo, n, options))
 

@@ -41,8 +41,8 @@ class ProbeOptions:
     lr: float
 
 
-def check_probes(names: Sequence[str]) -> None:
-    """Refuse unknown probes.
+def check_probes(names: Sequence[str]) -> list[Freedom]:
+    """The probes of a list; unknown ones are refused.
 
     Raises:
         FaunaError: naming the first.
@@ -52,6 +52,7 @@ def check_probes(names: Sequence[str]) -> None:
             raise FaunaError(
                 f"probes: expected names among {', '.join(get_args(Freedom))}, got {name!r}; correct the list"
             )
+    return [cast(Freedom, name) for name in names]
 
 
 def probe(bench: Bench, photos: Sequence[Photo], free: Freedom, options: ProbeOptions) -> Iterator[Prediction]:
@@ -150,4 +151,4 @@ def _first_turned(start: Reconstruction, camera: Camera) -> Tensor:
     rotations = start.hypotheses.rotations.clone()
     chosen = int(start.selection.hypothesis[0])
     rotations[0, chosen] = camera.camera_from_world[0, :3, :3].detach()
-    return cast(Tensor, rotations)
+    return rotations

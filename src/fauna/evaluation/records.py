@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ def unpack_prediction(item: Item) -> Prediction:
 
 def pack_sample(sample: Sample, *, thumbnail: bytes) -> Item:
     """Mask (one bit a pixel), keypoints and truth of a photograph, and a small JPEG of it for the report."""
-    arrays = {"thumbnail": np.frombuffer(thumbnail, np.uint8)}
+    arrays: dict[str, np.ndarray] = {"thumbnail": np.frombuffer(thumbnail, np.uint8)}
     notes: dict[str, object] = {"category": sample.category}
     if sample.mask is not None:
         arrays["mask"] = np.packbits(sample.mask)
@@ -46,9 +47,9 @@ def unpack_sample(item: Item, keypoint_names: Sequence[str]) -> Sample:
         size = item.notes["size"]
         mask = np.unpackbits(item.arrays["mask"], count=size * size).reshape(size, size).astype(bool)
     if any(name.startswith(TRUTH) for name in item.arrays):
-        values = {f.name: item.arrays[TRUTH + f.name] for f in fields(Truth3D)}
-        scalars = {name: float(values.pop(name)) for name in ("azimuth_deg", "elevation_deg")}
-        truth = Truth3D(**values, **scalars)
+        values: dict[str, Any] = {f.name: item.arrays[TRUTH + f.name] for f in fields(Truth3D)}
+        values |= {name: float(values[name]) for name in ("azimuth_deg", "elevation_deg")}
+        truth = Truth3D(**values)
     keypoints = item.arrays.get("keypoints")
     return Sample(item.name, item.notes["category"], mask, keypoints, tuple(keypoint_names), truth)
 

@@ -10,7 +10,7 @@ from fauna.evaluation.cases import COLUMNS, DrawnCase, draw_cases
 from fauna.evaluation.draw import CELL
 from fauna.evaluation.gather import read_predictions
 from fauna.evaluation.protocol import lower_is_better
-from fauna.evaluation.report_md import Table, ordered, spell, tables
+from fauna.evaluation.report_md import Table, counted, spell, tables
 from fauna.evaluation.scoring import Scorer
 from fauna.evaluation.subjects import HELD_OUT, SEEN
 
@@ -77,7 +77,7 @@ def _top(report: Mapping[str, Any]) -> str:
     checkpoint, dataset = protocol["checkpoint"], protocol["dataset"]
     total = sum(protocol["photos"].values())
     cards = []
-    for key in ordered(report["metrics"]):
+    for key in counted(report["metrics"]):
         row = report["metrics"][key]
         if row["value"] is not None and not lower_is_better(key) and len(cards) < 6:
             span = f"{spell(row['low'])} to {spell(row['high'])}, n = {row['n']}"

@@ -47,11 +47,16 @@ def ordered(keys: Iterable[str]) -> list[str]:
     return sorted(keys, key=rank)
 
 
+def counted(metrics: Mapping[str, Any]) -> list[str]:
+    """Keys that count at least one photograph, in order; tables leave the others out, ``report.json`` does not."""
+    return ordered(key for key, row in metrics.items() if row["n"])
+
+
 def headline(report: Mapping[str, Any]) -> str:
     """Some lines for the terminal."""
     lines = []
     for group, scored in _groups(report):
-        for key in ordered(scored["metrics"]):
+        for key in counted(scored["metrics"]):
             row = scored["metrics"][key]
             lines.append(f"{group:10s} {key:32s} {spell(row['value']):>7s}  n={row['n']}")
     return "\n".join(lines)
@@ -118,7 +123,7 @@ def _facts(report: Mapping[str, Any]) -> list[str]:
 
 def _metrics(title: str, metrics: Mapping[str, Any]) -> Table:
     rows = []
-    for key in ordered(metrics):
+    for key in counted(metrics):
         row = metrics[key]
         better = "lower" if lower_is_better(key) else "higher"
         span = f"{spell(row['low'])} to {spell(row['high'])}"
@@ -127,7 +132,7 @@ def _metrics(title: str, metrics: Mapping[str, Any]) -> Table:
 
 
 def _species(title: str, species: Mapping[str, Any]) -> Table:
-    keys = ordered({key for row in species.values() for key in row["metrics"]})
+    keys = ordered({key for row in species.values() for key in counted(row["metrics"])})
     rows = [(name, *(spell(row["metrics"].get(key, {}).get("value")) for key in keys)) for name, row in species.items()]
     return Table(title, "", ("species", *keys), rows)
 
@@ -135,7 +140,7 @@ def _species(title: str, species: Mapping[str, Any]) -> Table:
 def _baselines(report: Mapping[str, Any]) -> Table:
     baselines = report["baselines"]
     note = " ".join(f"**{name}**: {row['description']}" for name, row in baselines.items())
-    keys = ordered(report["metrics"])
+    keys = counted(report["metrics"])
     rows = [("the model", *(spell(report["metrics"][key]["value"]) for key in keys))]
     for name, row in baselines.items():
         rows.append((name, *(spell(row["metrics"].get(key, {}).get("value")) for key in keys)))
@@ -144,7 +149,7 @@ def _baselines(report: Mapping[str, Any]) -> Table:
 
 def _probe(name: str, probe: Mapping[str, Any]) -> Table:
     rows = []
-    for key in ordered(probe["metrics"]):
+    for key in counted(probe["metrics"]):
         theirs = probe["model_on_the_same_photos"].get(key, {}).get("value")
         rows.append((key, spell(theirs), spell(probe["metrics"][key]["value"])))
     note = f"{probe['num_photos']} photographs; **{probe['label']}**."
@@ -152,7 +157,7 @@ def _probe(name: str, probe: Mapping[str, Any]) -> Table:
 
 
 def _keypoints(species: str, keypoints: Mapping[str, Any]) -> Table:
-    keys = ordered({key for row in keypoints.values() for key in row})
+    keys = ordered({key for row in keypoints.values() for key, value in row.items() if value["n"]})
     rows = [(name, *(spell(row.get(key, {}).get("value")) for key in keys)) for name, row in keypoints.items()]
     return Table(f"Keypoints of {species}", "", ("keypoint", *keys), rows)
 
@@ -175,8 +180,8 @@ def _left_out(rows: Sequence[Mapping[str, Any]]) -> Table:
     shown = []
     for row in rows:
         names = ", ".join(row["names"][:6]) + (", ..." if row["count"] > 6 else "")
-        shown.append((row["of"], row["metric"], row["reason"], str(row["count"]), names))
-    return Table("Left out", "", ("of", "metric", "reason", "count", "names"), shown)
+        shown.append((row["of"], ", ".join(row["metrics"]), row["reason"], str(row["count"]), names))
+    return Table("Left out", "", ("of", "metrics", "reason", "photographs", "names"), shown)
 
 
 def _line(cells: Iterable[str]) -> str:

@@ -1,7 +1,7 @@
 """From a predictions folder to all tables; needs neither model nor dataset."""
 
 import time
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,7 +72,7 @@ class Scorer:
             "probes": probes,
             "validation": table(terms),
             "images": images,
-            "left_out": _counted(self.left_out + self._absent()),
+            "left_out": _counted(self.left_out + self._absent(), self.samples),
         }
 
     def _groups(self, of: str, predictions: Sequence[Prediction]) -> dict[str, Any]:
@@ -175,12 +175,25 @@ def _parts(result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     return [(SEEN, result), *([(HELD_OUT, result[HELD_OUT])] if HELD_OUT in result else [])]
 
 
-def _counted(rows: Sequence[Mapping[str, str]]) -> list[dict[str, Any]]:
-    """Rows with the same metric and reason joined, names listed and counted."""
-    joined: dict[tuple[str, str, str], list[str]] = defaultdict(list)
+def _counted(rows: Sequence[Mapping[str, str]], samples: Mapping[str, Sample]) -> list[dict[str, Any]]:
+    """Rows joined: the names that share metric and reason, then the metrics that share names and reason.
+
+    ``count`` is the number of photographs; the name of a species stands for all of its, ``*`` for all there are.
+    """
+    names: dict[tuple[str, str, str], list[str]] = defaultdict(list)
     for row in rows:
-        joined[row["of"], row["metric"], row["reason"]].append(row["name"])
+        names[row["of"], row["reason"], row["metric"]].append(row["name"])
+    metrics: dict[tuple[str, str, tuple[str, ...]], list[str]] = defaultdict(list)
+    for (of, reason, metric), found in names.items():
+        metrics[of, reason, tuple(found)].append(metric)
+    species = Counter(sample.category for sample in samples.values()) | {"*": len(samples)}
     return [
-        {"of": of, "metric": metric, "reason": reason, "count": len(names), "names": names}
-        for (of, metric, reason), names in joined.items()
+        {
+            "of": of,
+            "metrics": found,
+            "reason": reason,
+            "count": sum(1 if name in samples else species.get(name, 1) for name in of_names),
+            "names": list(of_names),
+        }
+        for (of, reason, of_names), found in metrics.items()
     ]

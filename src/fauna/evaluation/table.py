@@ -8,7 +8,7 @@ import yaml
 
 from fauna.errors import FaunaError
 from fauna.evaluation.compare import Loaded, load, paired, split_arguments, whole
-from fauna.evaluation.report_md import ordered, spell
+from fauna.evaluation.report_md import counted, spell
 from fauna.io.run_folder import write_json
 
 USAGE = "fauna-eval table MULTIRUN_FOLDER [evaluation key=value ...]"
@@ -103,7 +103,7 @@ def build_table(runs: Sequence[Path], *, seed: int) -> dict[str, Any]:
 def markdown(result: Mapping[str, Any]) -> str:
     """One row a run; a star marks a difference to the first run whose 95 % interval excludes zero."""
     changed = result["changed"]
-    keys = ordered(result["runs"][0]["metrics"])
+    keys = counted(result["runs"][0]["metrics"])
     lines = [_line(["run", *changed, *keys]), _line(["---"] * (1 + len(changed) + len(keys)))]
     for row in result["runs"]:
         cells = [row["name"], *(str(row["overrides"][key] or "") for key in changed)]
