@@ -139,7 +139,7 @@ def test_eval_reports_bad_weights_in_one_line(tmp_path, cli):
         ("missing.safetensors", "does not exist"),
         ("other.safetensors", "damaged or of another program"),
     ):
-        done = cli(f"weights={tmp_path / name}", main=fauna.eval.main)
+        done = cli(f"checkpoint={tmp_path / name}", main=fauna.eval.main)
         assert done.returncode == 2
         assert word in done.stderr.strip().splitlines()[-1]
         assert "Traceback" not in done.stderr

@@ -1,6 +1,6 @@
-"""``fauna-eval``: losses, silhouette IoU and pictures of a checkpoint or weight file."""
+"""``fauna-eval``: every metric, baselines and a report of a checkpoint; ``fauna-eval compare`` and ``table`` for several."""
 
-from dataclasses import replace
+import sys
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,65 +13,105 @@ from fauna.cli import run_cli
 from fauna.errors import FaunaError
 from fauna.limits import check_ranges
 
+WHOLE = ("max_photos", "pictures", "threads", "size", "pairs", "bootstrap", "probe_steps", "probe_photos")
+MAY_BE_NULL = ("max_photos", "threads")
+
 
 def main() -> None:
     """Entry point of the command line; bad input ends with one line on stderr and exit code 2."""
-    run_cli(_hydra_main)
+    words = {"compare": _compare, "table": _table}
+    if len(sys.argv) > 1 and sys.argv[1] in words:
+        run_cli(lambda: words[sys.argv[1]](sys.argv[2:]))
+    else:
+        run_cli(_hydra_main)
 
 
 @hydra.main(config_path=str(CONF_DIR), config_name="eval", version_base="1.3")
 def _hydra_main(cfg: DictConfig) -> None:
-    evaluate_weights(cfg, Path(HydraConfig.get().runtime.output_dir))
+    evaluate(cfg, Path(HydraConfig.get().runtime.output_dir))
 
 
-def evaluate_weights(cfg: DictConfig, folder: Path) -> dict[str, Any]:
-    """Evaluate ``cfg.weights``; the report goes to ``folder/report.json`` and the pictures to ``folder/pictures.png``.
+def evaluate(cfg: DictConfig, folder: Path) -> dict[str, Any]:
+    """Predict (unless ``cfg.predictions`` names a folder of predictions), score, and write the reports into ``folder``.
 
-    The model is built from the configuration stored with the weights. ``data=...`` replaces the dataset it names,
-    ``data.root=...`` and ``data.split=...`` alone change where it lies and which photos are looked at.
+    Returns:
+        The content of ``folder/report.json``.
 
     Raises:
-        FaunaError: when weights or dataset cannot be used.
+        FaunaError: when the configuration, the checkpoint or the dataset cannot be used.
+    """
+    check(cfg)
+    from fauna.evaluation.report import write_reports
+    from fauna.evaluation.scoring import ScoreOptions
+
+    if cfg.predictions is None:
+        predictions = folder / "predictions"
+        predict_checkpoint(cfg, predictions)
+    else:
+        predictions = Path(cfg.predictions)
+    options = ScoreOptions(seed=cfg.seed, pairs=cfg.pairs, bootstrap=cfg.bootstrap, settings=tuple(cfg.settings))
+    return write_reports(predictions, folder, options, pictures=cfg.pictures)
+
+
+def predict_checkpoint(cfg: DictConfig, folder: Path) -> None:
+    """Predict everything the report needs into ``folder``; goes on where an interrupted evaluation stopped.
+
+    The model is built from the configuration stored with the weights. ``data=...`` replaces the dataset it names,
+    ``data.root=...`` and ``data.split=...`` alone change where it lies and which photographs are looked at.
+
+    Raises:
+        FaunaError: when checkpoint or dataset cannot be used.
     """
     from hydra.utils import instantiate
 
     from fauna.build import build_encoder, build_model
-    from fauna.evaluation.summary import evaluate
+    from fauna.evaluation.gather import Gatherer
+    from fauna.evaluation.probes import ProbeOptions
+    from fauna.evaluation.protocol import photos_digest
+    from fauna.evaluation.subjects import choose
+    from fauna.evaluation.weights import facts, locate
     from fauna.io.checkpoint import load_weights, read_weights
-    from fauna.io.contact_sheet import contact_sheet, save_png
-    from fauna.io.run_folder import write_json
     from fauna.threads import set_threads
 
-    check_ranges(cfg)
-    if cfg.data.split not in (None, "train", "val", "test", "held_out"):
-        raise FaunaError(f"data.split: expected train, val, test or held_out, got {cfg.data.split!r}; choose one")
-    for key in ("max_photos", "pictures", "threads"):
-        if cfg[key] is not None and not isinstance(cfg[key], int):
-            raise FaunaError(f"{key}: expected a whole number, got {cfg[key]!r}; e.g. {key}=12")
     set_threads(cfg.threads)
-    weights = Path(cfg.weights)
-    stored = DictConfig(read_weights(weights)[1]["config"])
+    path = locate(cfg.checkpoint)
+    metadata = read_weights(path)[1]
+    stored = DictConfig(metadata["config"])
+    trained_on = OmegaConf.to_container(stored.data.source)
+    given = "_target_" in cfg.data or cfg.data.get("root") is not None
     stored.data = _dataset(stored.data, cfg.data)
+    stored.data.split = "val"  # unused: the split is chosen below
+    stored.data.on_bad = "error"  # nothing is read before its turn; what cannot be used is left out by name
     stored.renderer = cfg.renderer  # not learned: any machine can evaluate what another has trained
     encoder = build_encoder(stored)
     data = instantiate(stored.data, _convert_="all", _partial_=True)(encoder=encoder)
     model = build_model(stored, encoder)
-    data.number_species(load_weights(model, weights)["species"])
+    data.number_species(load_weights(model, path)["species"])
     model.eval()
-    data.prepare(seed=cfg.seed, report=print)
-    photos = data.photos(data.split)[: cfg.max_photos]
-    if not photos:
-        raise FaunaError(
-            f"data.split: expected a split with photos in {data.source.identity}, got {data.split}, which has none; "
-            "choose train, val, test or held_out"
-        )
-    objective = replace(instantiate(stored.losses, _convert_="all"), weighting="uniform")
-    metrics = evaluate(model, objective, ((photo.category, data.single(photo)) for photo in photos))
-    report = {"weights": str(weights), "split": data.split, "dataset": data.source.identity, "metrics": metrics}
-    write_json(report, folder / "report.json")
-    save_png(contact_sheet(model, [data.single(p) for p in photos[: cfg.pictures]], 128), folder / "pictures.png")
-    _print_table(report, folder)
-    return report
+    subjects = choose(data, split=cfg.data.split, given=given, seed=cfg.seed, max_photos=cfg.max_photos)
+    checkpoint = facts(path, metadata)
+    source = OmegaConf.to_container(stored.data.source, resolve=True)
+    dataset = {"identity": data.source.identity, "sha256": photos_digest(subjects.photos), "source": source}
+    dataset["includes_training_photos"] = subjects.split in ("all", "train") and trained_on == source
+    gatherer = Gatherer(
+        folder=folder,
+        model=model,
+        fresh_model=lambda: build_model(stored, encoder),
+        data=data,
+        subjects=subjects,
+        facts={"checkpoint": checkpoint, "dataset": dataset},
+        size=cfg.size,
+    )
+    samples = gatherer.samples()
+    if not samples:
+        reason = gatherer.left_out[0]["reason"]
+        raise FaunaError(f"data: expected at least one usable photograph, got none; first problem: {reason}")
+    bench = gatherer.predictions(samples, instantiate(stored.losses, _convert_="all"))
+    gatherer.baselines(bench, cfg.baselines, seed=cfg.seed, pairs=cfg.pairs)
+    gatherer.probes(bench, cfg.probes, ProbeOptions(steps=cfg.probe_steps, lr=cfg.probe_lr), cfg.probe_photos)
+    gatherer.finish(
+        bench, {"baselines": list(cfg.baselines), "probes": list(cfg.probes), "probe_steps": cfg.probe_steps}
+    )
 
 
 def _dataset(stored: DictConfig, given: DictConfig) -> DictConfig:
@@ -79,7 +119,7 @@ def _dataset(stored: DictConfig, given: DictConfig) -> DictConfig:
     if "_target_" in given:
         given.image_size = stored.image_size
         return given
-    changes = {key: given[key] for key in given if given[key] is not None}
+    changes = {key: given[key] for key in given if given[key] is not None and key != "split"}
     if "root" in changes and "root" not in stored.source:
         raise FaunaError(
             f"data.root: expected weights trained on a folder, got {stored.source._target_}; add data=fauna"
@@ -89,12 +129,54 @@ def _dataset(stored: DictConfig, given: DictConfig) -> DictConfig:
     return cast(DictConfig, OmegaConf.merge(stored, changes))
 
 
-def _print_table(report: dict[str, Any], folder: Path) -> None:
-    metrics = report["metrics"]
-    for species, row in metrics["species"].items():
-        print(f"{species:20s} {row['num_photos']:5d} photos  IoU {row['iou']:.3f}")
-    print(f"{'mean over species':20s} {metrics['num_photos']:5d} photos  IoU {metrics['iou']:.3f}")
-    print(f"report and pictures: {folder}")
+def check(cfg: DictConfig) -> None:
+    """Refuse what cannot work before anything is loaded.
+
+    Raises:
+        FaunaError: naming the key.
+    """
+    check_ranges(cfg)
+    if (cfg.checkpoint is None) == (cfg.predictions is None):
+        got = "neither" if cfg.checkpoint is None else "both"
+        raise FaunaError(f"checkpoint: expected either checkpoint=PATH or predictions=DIR, got {got}; give one of them")
+    for key in WHOLE:
+        value = cfg[key]
+        if value is None and key in MAY_BE_NULL:
+            continue
+        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            raise FaunaError(f"{key}: expected a whole number >= 1, got {value!r}; e.g. {key}=12")
+    from fauna.evaluation.baselines import check_baselines
+    from fauna.evaluation.probes import check_probes
+    from fauna.evaluation.subjects import SPLITS
+
+    if cfg.data.split not in (None, *SPLITS):
+        raise FaunaError(f"data.split: expected one of {', '.join(SPLITS)}, got {cfg.data.split!r}; choose one")
+    check_baselines(cfg.baselines)
+    check_probes(cfg.probes)
+
+
+def _compare(arguments: list[str]) -> None:
+    from fauna.evaluation.compare import compare_command
+
+    compare_command(arguments)
+
+
+def _table(arguments: list[str]) -> None:
+    from fauna.evaluation.table import table_command
+
+    table_command(arguments, evaluate_run)
+
+
+def evaluate_run(run: Path, out: Path, overrides: list[str]) -> dict[str, Any]:
+    """Evaluate the newest weights of a run, for ``fauna-eval table``."""
+    from hydra import compose, initialize_config_dir
+    from hydra.core.global_hydra import GlobalHydra
+
+    GlobalHydra.instance().clear()
+    with initialize_config_dir(str(CONF_DIR), version_base="1.3"):
+        quoted = [f"checkpoint='{run}'", f"out='{out}'"]
+        cfg = compose("eval", overrides=[*overrides, *quoted])
+    return evaluate(cfg, out)
 
 
 if __name__ == "__main__":

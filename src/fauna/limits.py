@@ -60,6 +60,12 @@ RANGES: dict[str, tuple[float, float]] = {
     "callbacks.checkpoints.keep": POSITIVE,
     "max_photos": POSITIVE,
     "pictures": POSITIVE,
+    "size": (8, 4096),
+    "pairs": POSITIVE,
+    "bootstrap": POSITIVE,
+    "probe_steps": POSITIVE,
+    "probe_lr": NOT_NEGATIVE,
+    "probe_photos": POSITIVE,
     "threads": POSITIVE,
 }
 

@@ -47,6 +47,7 @@ def _fakes(monkeypatch):
 
     monkeypatch.setattr(evaluation, "silhouette_iou", lambda silhouette, mask: torch.tensor([current[0].iou]))
     monkeypatch.setattr(evaluation, "fake_objective", objective, raising=False)
+    monkeypatch.setattr(evaluation, "image_terms", inspect.unwrap(evaluation.image_terms))
 
 
 @pytest.mark.usefixtures("_fakes")

@@ -1,0 +1,229 @@
+"""Everything that needs the model or the dataset: samples, predictions, baselines and probes, written to one folder."""
+
+import contextlib
+import json
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from rich.progress import track
+
+from fauna.data.datamodule import PhotoDataModule
+from fauna.data.photos import Photo
+from fauna.errors import FaunaError
+from fauna.evaluation.baselines import get_baseline
+from fauna.evaluation.baselines.base import Bench, MeshBaseline
+from fauna.evaluation.predict import predict
+from fauna.evaluation.prediction import Prediction
+from fauna.evaluation.probes import ProbeOptions, check_probes, probe
+from fauna.evaluation.records import pack_prediction, pack_sample, unpack_prediction, unpack_sample
+from fauna.evaluation.samples import read_sample
+from fauna.evaluation.store import ArrayStore, Item
+from fauna.evaluation.subjects import SEEN, Subjects
+from fauna.evaluation.summary import image_terms
+from fauna.evaluation.transfers import record_transfers
+from fauna.io.run_folder import write_json
+from fauna.losses.objective import Objective
+from fauna.metrics.sample import Sample
+from fauna.model import FaunaModel
+
+SAMPLES, MODEL, FACTS = "samples", "model", "facts.json"
+LeftOut = list[dict[str, str]]
+
+
+class Gatherer:
+    """Fills a predictions folder; what is there already is kept, so that an interrupted evaluation goes on.
+
+    Args:
+        folder: of the predictions.
+        model: in evaluation mode.
+        fresh_model: builds a model of the same architecture with new random weights.
+        data: makes batches.
+        subjects: the photographs.
+        facts: what the protocol says about checkpoint and dataset; identifies the folder.
+        size: side of masks and silhouettes, pixels.
+    """
+
+    def __init__(
+        self,
+        *,
+        folder: Path,
+        model: FaunaModel,
+        fresh_model: Callable[[], FaunaModel],
+        data: PhotoDataModule,
+        subjects: Subjects,
+        facts: Mapping[str, Any],
+        size: int,
+    ) -> None:
+        self.folder = folder
+        self.model = model
+        self.fresh_model = fresh_model
+        self.data = data
+        self.subjects = subjects
+        self.size = size
+        self.keypoint_names = tuple(data.source.keypoint_names or ())
+        self.facts = dict(facts) | {"size": size, "keypoint_names": list(self.keypoint_names)}
+        self.left_out: LeftOut = []
+        self.seconds: dict[str, float] = {}
+
+    def samples(self) -> dict[str, Sample]:
+        """Read masks, keypoints and truth of the photographs; unusable ones are left out by name and reason."""
+        store = self._store(SAMPLES)
+        with self._timed(SAMPLES):
+            for photo in self._missing(store, self.subjects.photos, "photographs"):
+                try:
+                    sample, picture = read_sample(photo, size=self.size, keypoint_names=self.keypoint_names)
+                except FaunaError as error:
+                    self._leave_out(photo, "all", error)
+                    continue
+                store.add(pack_sample(sample, thumbnail=picture))
+            store.flush()
+        return {item.name: unpack_sample(item, self.keypoint_names) for item in store.items()}
+
+    def predictions(self, samples: Mapping[str, Sample], objective: Objective) -> Bench:
+        """Reconstruct the photographs one by one.
+
+        Args:
+            samples: of :meth:`samples`.
+            objective: whose image terms are noted, unweighted.
+        """
+        photos = [photo for photo in self.subjects.photos if photo.name in samples]
+        store = self._store(MODEL)
+        plain = replace(objective, weighting="uniform")
+        with self._timed(MODEL):
+            for photo in self._missing(store, photos, "reconstructions"):
+                try:
+                    store.add(self._predicted(photo, plain))
+                except FaunaError as error:
+                    self._leave_out(photo, MODEL, error)
+            store.flush()
+        items = list(store.items())
+        found = {item.name: unpack_prediction(item) for item in items}
+        return Bench(
+            model=self.model,
+            fresh_model=self.fresh_model,
+            data=self.data,
+            photos=[photo for photo in photos if photo.name in found],
+            samples=samples,
+            predictions=found,
+            codes={item.name: item.arrays["code"] for item in items},
+            size=self.size,
+            species=list(self.facts["checkpoint"]["species"]),
+        )
+
+    def baselines(self, bench: Bench, names: Sequence[str], *, seed: int, pairs: int) -> None:
+        """Predictions or keypoint transfers of each baseline."""
+        for name in names:
+            baseline = get_baseline(name)
+            with self._timed(name):
+                if isinstance(baseline, MeshBaseline):
+                    self._from_meshes(name, bench.photos, lambda todo, b=baseline: b.predict(bench, todo))
+                else:
+                    groups = self._groups(bench)
+                    record_transfers(
+                        self.folder / f"{name}.npz", baseline.prepare, bench, groups, seed=seed, pairs=pairs
+                    )
+
+    def probes(self, bench: Bench, names: Sequence[str], options: ProbeOptions, number: int) -> None:
+        """Fit the first ``number`` photographs of the main group."""
+        wanted = {photo.name for photo in self.subjects.groups.get(SEEN, ())}
+        photos = [photo for photo in bench.photos if photo.name in wanted][:number]
+        for name in check_probes(names):
+            with self._timed(f"probe_{name}"):
+                self._from_meshes(f"probe_{name}", photos, lambda todo, n=name: probe(bench, todo, n, options))
+
+    def finish(self, bench: Bench, settings: Mapping[str, Any]) -> None:
+        """Write ``facts.json``; the folder is complete with it."""
+        content = {
+            **self.facts,
+            "split": self.subjects.split,
+            "groups": self._groups(bench),
+            "settings": dict(settings),
+            "left_out": self.left_out,
+            "timing": {name: round(seconds, 2) for name, seconds in self.seconds.items()},
+        }
+        write_json(content, self.folder / FACTS)
+
+    def _groups(self, bench: Bench) -> dict[str, list[str]]:
+        return {
+            name: [p.name for p in photos if p.name in bench.samples] for name, photos in self.subjects.groups.items()
+        }
+
+    def _predicted(self, photo: Photo, objective: Objective) -> Item:
+        batch = self.model.with_features(self.data.single(photo).to(self.model.device))
+        prediction, out = predict(self.model, batch, category=photo.category, size=self.size)
+        item = pack_prediction(prediction, terms=image_terms(self.model, objective, batch, out))
+        return replace(item, arrays={**item.arrays, "code": out.code.cpu().float().numpy()})
+
+    def _from_meshes(
+        self, name: str, photos: Sequence[Photo], predict_all: Callable[[Sequence[Photo]], Iterator[Prediction]]
+    ) -> None:
+        store = self._store(name)
+        todo = [photo for photo in photos if photo.name not in set(store.names)]
+        for prediction in track(predict_all(todo), description=name, total=len(todo), disable=not todo):
+            store.add(pack_prediction(prediction))
+        store.flush()
+
+    def _store(self, name: str) -> ArrayStore:
+        identity = {key: self.facts[key] for key in ("size", "keypoint_names")}
+        identity |= {"dataset": self.facts["dataset"]["identity"]}
+        if name != SAMPLES:
+            identity["checkpoint"] = self.facts["checkpoint"]["sha256"]
+        return ArrayStore(self.folder / name, identity=identity)
+
+    def _missing(self, store: ArrayStore, photos: Iterable[Photo], described: str) -> Iterable[Photo]:
+        known = set(store.names)
+        todo = [photo for photo in photos if photo.name not in known]
+        return track(todo, description=described, disable=not todo)
+
+    def _leave_out(self, photo: Photo, metric: str, error: FaunaError) -> None:
+        self.left_out.append({"name": photo.name, "metric": metric, "reason": str(error)})
+
+    @contextlib.contextmanager
+    def _timed(self, name: str) -> Iterator[None]:
+        started = time.monotonic()
+        with torch.no_grad() if not name.startswith("probe_") else contextlib.nullcontext():
+            yield
+        self.seconds[name] = time.monotonic() - started
+
+
+def read_facts(folder: Path) -> dict[str, Any]:
+    """``facts.json`` of a predictions folder.
+
+    Raises:
+        FaunaError: when it is missing or broken.
+    """
+    try:
+        return json.loads((folder / FACTS).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise FaunaError(
+            f"predictions: expected a finished predictions folder with {FACTS}, got {folder} ({type(error).__name__}); "
+            "name the predictions folder of an evaluation that has ended"
+        ) from error
+
+
+def read_predictions(folder: Path, name: str) -> list[Prediction]:
+    """Stored predictions of the model, a baseline or a probe.
+
+    Raises:
+        FaunaError: when the folder is missing or damaged.
+    """
+    return [unpack_prediction(item) for item in ArrayStore(folder / name, identity=None).items()]
+
+
+def read_terms(folder: Path) -> dict[str, dict[str, float]]:
+    """Image terms of the model's predictions, by photo."""
+    return {item.name: item.notes["terms"] for item in ArrayStore(folder / MODEL, identity=None).items()}
+
+
+def read_samples(folder: Path, keypoint_names: Sequence[str]) -> tuple[dict[str, Sample], dict[str, bytes]]:
+    """Stored samples and their thumbnails, by photo."""
+    samples, pictures = {}, {}
+    for item in ArrayStore(folder / SAMPLES, identity=None).items():
+        samples[item.name] = unpack_sample(item, keypoint_names)
+        pictures[item.name] = np.asarray(item.arrays["thumbnail"]).tobytes()
+    return samples, pictures

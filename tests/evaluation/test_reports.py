@@ -1,0 +1,146 @@
+"""Reports of hand-made predictions: what they hold, that they repeat, and that the page needs no network."""
+
+import json
+import re
+from html.parser import HTMLParser
+
+import pytest
+
+from fauna.errors import FaunaError
+from fauna.evaluation.protocol import DEFINITIONS, definition, lower_is_better
+from fauna.evaluation.published import BANK_SIZES, COMPARISON, ROWS
+from fauna.evaluation.report import write_reports
+from fauna.evaluation.report_md import ordered
+from fauna.evaluation.scoring import ScoreOptions
+from tests.evaluation.objects import write_predictions
+
+OPTIONS = ScoreOptions(seed=0, pairs=100, bootstrap=50, settings=("fit_on_test",))
+
+
+@pytest.fixture
+def predictions(tmp_path):
+    return write_predictions(tmp_path / "predictions")
+
+
+def test_report_has_its_parts(predictions, tmp_path):
+    report = write_reports(predictions, tmp_path / "out", OPTIONS, pictures=5)
+    stored = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert stored == json.loads(json.dumps(report))
+    assert stored["metrics"]["iou"]["value"] == 1.0
+    assert stored["metrics"]["iou"]["n"] == 6
+    assert set(stored["metrics"]["iou"]) >= {"value", "low", "high", "n"}
+    assert set(stored["species"]) == {"long", "round"}
+    assert stored["species"]["long"]["metrics"]["iou"]["n"] == 3
+    assert "nose" in stored["species"]["long"]["keypoints"]
+    assert stored["baselines"]["mean_shape"]["metrics"]["iou"]["value"] == 1.0
+    assert stored["baselines"]["mean_shape"]["description"]
+    assert stored["protocol"]["seed"] == 0
+    assert stored["protocol"]["pairs"] == 100
+    assert stored["protocol"]["dataset"]["sha256"] == "1" * 64
+    assert stored["protocol"]["definitions"]["iou"]
+    assert stored["validation"]["iou"] == pytest.approx(0.8)
+    assert stored["left_out"][0] == {
+        "of": "model",
+        "metrics": ["all"],
+        "reason": "a broken file",
+        "count": 1,
+        "names": ["long/9"],
+    }
+    whole = next(row for row in stored["left_out"] if "chamfer" in row["metrics"] and row["of"] == "model")
+    assert {"novel_view_iou", "azimuth_error_deg"} <= set(whole["metrics"])
+    assert (whole["names"], whole["count"]) == (["long", "round"], 6)
+    assert "chamfer" in stored["metrics"]
+    assert "| chamfer |" not in (tmp_path / "out" / "report.md").read_text().split("## What the keys mean")[0]
+
+
+def test_scoring_again_gives_the_same_report(predictions, tmp_path):
+    first = write_reports(predictions, tmp_path / "a", OPTIONS, pictures=5)
+    second = write_reports(predictions, tmp_path / "b", OPTIONS, pictures=5)
+    assert {**first, "timing": 0} == {**second, "timing": 0}
+    for name in ("images.json", "report.md"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_wider_masks_lower_the_silhouette_score_only(tmp_path):
+    exact = write_reports(write_predictions(tmp_path / "p"), tmp_path / "a", OPTIONS, pictures=1)["metrics"]
+    wide = write_reports(write_predictions(tmp_path / "q", grow=2), tmp_path / "b", OPTIONS, pictures=1)["metrics"]
+    assert wide["iou"]["value"] < 0.9 < exact["iou"]["value"]
+    assert wide["kt_pck@0.1"] == exact["kt_pck@0.1"]
+
+
+def test_held_out_species_stand_apart(tmp_path):
+    folder = write_predictions(tmp_path / "p", held_out=True)
+    report = write_reports(folder, tmp_path / "out", OPTIONS, pictures=5)
+    assert set(report["species"]) == {"long"}
+    assert set(report["held_out"]["species"]) == {"round"}
+    assert report["held_out"]["metrics"]["iou"]["n"] == 3
+    images = json.loads((tmp_path / "out" / "images.json").read_text())
+    assert {row["species"] for row in images["held_out"].values()} == {"round"}
+    assert "Cases of held-out species" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_without_keypoints_the_reason_is_named(tmp_path):
+    folder = write_predictions(tmp_path / "p", keypoints=False)
+    report = write_reports(folder, tmp_path / "out", OPTIONS, pictures=5)
+    assert report["metrics"]["iou"]["value"] == 1.0
+    assert report["metrics"].get("kt_pck@0.1", {"value": None})["value"] is None
+    reasons = {(metric, row["reason"]) for row in report["left_out"] for metric in row["metrics"]}
+    assert ("keypoint metrics", "the dataset has no keypoints") in reasons
+    assert ("3D metrics", "the dataset has no 3D truth") in reasons
+
+
+class Page(HTMLParser):
+    """Collects what a browser would fetch, and whether tags close."""
+
+    def __init__(self):
+        super().__init__()
+        self.sources, self.open, self.images = [], [], 0
+
+    def handle_starttag(self, tag, attrs):
+        self.sources += [value for name, value in attrs if name in ("src", "href")]
+        self.images += tag == "img"
+        if tag not in ("meta", "img", "br", "link"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+def test_page_is_whole_and_needs_no_network(predictions, tmp_path):
+    write_reports(predictions, tmp_path / "out", OPTIONS, pictures=1)
+    text = (tmp_path / "out" / "report.html").read_text()
+    page = Page()
+    page.feed(text)
+    assert page.open == []
+    assert page.images == 3  # best, median and worst of one species
+    assert all(source.startswith(("data:image/png;base64,", "#")) for source in page.sources)
+    assert not re.search(r"(?:https?:)?//[a-z]", re.sub(r"base64,[^\"]+", "", text))
+    assert "<script" not in text
+
+
+def test_unfinished_or_missing_predictions_are_refused(tmp_path):
+    with pytest.raises(FaunaError, match="finished predictions folder"):
+        write_reports(tmp_path, tmp_path / "out", OPTIONS, pictures=1)
+
+
+def test_markdown_and_order():
+    keys = ["leg_chamfer", "iou", "kt_pck@0.1", "chamfer", "unheard_of", "chamfer_similarity"]
+    assert ordered(keys) == ["iou", "kt_pck@0.1", "chamfer", "chamfer_similarity", "leg_chamfer", "unheard_of"]
+    assert definition("kt_pck@0.1_shared_base") == DEFINITIONS["kt_pck@0.1"]
+    assert definition("unheard_of") is None
+    assert not lower_is_better("azimuth_within_30")
+    assert lower_is_better("front_back_flips")
+
+
+def test_published_numbers_are_fractions_and_stand_beside_keys():
+    assert all(0 < value < 1 for row in ROWS for _, value in row.columns)
+    assert {row.metric for row in ROWS} <= set(DEFINITIONS)
+    ours = {(row.dataset, row.metric): row.columns[0][1] for row in COMPARISON if row.method == "3D-Fauna"}
+    assert ours == {
+        ("PASCAL", "kt_pck@0.1"): 0.539,
+        ("PASCAL", "pck@0.1_fit_on_test"): 0.782,
+        ("APT-36K", "pck@0.1_fit_on_test"): 0.841,
+        ("Animal3D", "pck@0.1_fit_on_test"): 0.901,
+    }
+    values = [row.columns[0][1] for row in BANK_SIZES]
+    assert values == sorted(values)
