@@ -8,7 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from fauna.data.readers.collection import Animal, KeypointPhotos, LeftOut, photograph_name
+from fauna.data.readers.animal import Animal, LeftOut
+from fauna.data.readers.collection import KeypointPhotos, photograph_name
 from fauna.data.readers.files import entries, find_image, forward_slashes, keypoint_rows, read_json, require
 from fauna.data.readers.masks import MaskFile
 from fauna.errors import FaunaError

@@ -9,7 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from fauna.data.readers.collection import Animal, KeypointPhotos, LeftOut, photograph_name
+from fauna.data.readers.animal import Animal, LeftOut
+from fauna.data.readers.collection import KeypointPhotos, photograph_name
 from fauna.data.readers.crop import Box
 from fauna.data.readers.files import box_of, entries, forward_slashes, keypoint_rows, read_json, require
 from fauna.data.readers.items import read_items
@@ -57,12 +58,7 @@ class CocoPhotos(KeypointPhotos):
         photograph_pattern: str | None,
     ) -> None:
         super().__init__(
-            root=root,
-            images=images,
-            crop_size=crop_size,
-            box_margin=box_margin,
-            box_fill=box_fill,
-            species=species,
+            root=root, images=images, crop_size=crop_size, box_margin=box_margin, box_fill=box_fill, species=species
         )
         given = {"train": annotations, "val": val_annotations, "test": test_annotations}
         self.files = {split: file for split, file in given.items() if file is not None}

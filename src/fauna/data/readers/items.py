@@ -8,7 +8,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from fauna.data.readers.collection import Animal, photograph_name
+from fauna.data.readers.animal import Animal
+from fauna.data.readers.collection import photograph_name
 from fauna.data.readers.files import box_of, entries, keypoint_rows, require
 from fauna.data.readers.masks import MaskFile
 

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat
 
-from fauna.data.readers.collection import Animal, KeypointPhotos, LeftOut, photograph_name
+from fauna.data.readers.animal import Animal, LeftOut
+from fauna.data.readers.collection import KeypointPhotos, photograph_name
 from fauna.data.readers.files import forward_slashes, keypoint_rows
 from fauna.data.readers.keypoints import canonical_names, mirror_indices
 from fauna.data.readers.masks import encode_mask

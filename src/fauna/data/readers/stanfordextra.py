@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from fauna.data.readers.collection import Animal, KeypointPhotos, LeftOut, photograph_name
+from fauna.data.readers.animal import Animal, LeftOut
+from fauna.data.readers.collection import KeypointPhotos, photograph_name
 from fauna.data.readers.files import box_of, entries, forward_slashes, keypoint_rows, read_json, require
 from fauna.data.readers.keypoints import KEYPOINT_SETS
 from fauna.data.readers.masks import parse_segmentation
