@@ -71,12 +71,16 @@ def prepare(path: Path) -> Animal:
         refinement = refine(model.verts, model.faces)
         binding = bind(model, entry.rig, refinement, entry.eye, entry.ear)
     except KeyError as error:
-        raise FaunaError(f"{path} expects the joint {error} of its rig, got none; export it with its skeleton") from error
+        raise FaunaError(
+            f"{path} expects the joint {error} of its rig, got none; export it with its skeleton"
+        ) from error
     coarse = skin(model, model.bind_world)
     fine = refinement.fine_from_coarse @ coarse
     keypoints = binding.at(fine, model.bind_world)
     if keypoints[NOSE, 2] <= keypoints[TAILBASE, 2] or keypoints[WITHERS, 1] <= fine[:, 1].min():
-        raise FaunaError(f"{path} expects a standing animal with y up and its head at +z, got another; turn it and export again")
+        raise FaunaError(
+            f"{path} expects a standing animal with y up and its head at +z, got another; turn it and export again"
+        )
     frame = _animal_from_file(fine, keypoints)
     rest = apply(frame, fine)
     colours, owner = base_colours(model, refinement)

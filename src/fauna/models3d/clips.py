@@ -198,7 +198,9 @@ def borrow(clip: Clip, donor: Skeleton, taker: Skeleton) -> Clip:
     return Clip(clip.name, tuple(channels))
 
 
-def quaternion_product(first: Float[np.ndarray, "*a 4"], second: Float[np.ndarray, "*b 4"]) -> Float[np.ndarray, "*c 4"]:
+def quaternion_product(
+    first: Float[np.ndarray, "*a 4"], second: Float[np.ndarray, "*b 4"]
+) -> Float[np.ndarray, "*c 4"]:
     """Rotation by ``second``, then by ``first``; x y z w."""
     v, w = first[..., :3], first[..., 3:]
     u, s = second[..., :3], second[..., 3:]

@@ -30,9 +30,7 @@ class Binding:
     offsets: Float[np.ndarray, "20 3"]
     vertices: Int[np.ndarray, "20"]
 
-    def at(
-        self, verts: Float[np.ndarray, "vert 3"], world: Float[np.ndarray, "node 4 4"]
-    ) -> Float[np.ndarray, "20 3"]:
+    def at(self, verts: Float[np.ndarray, "vert 3"], world: Float[np.ndarray, "node 4 4"]) -> Float[np.ndarray, "20 3"]:
         """Keypoints of a pose.
 
         Args:
@@ -127,9 +125,7 @@ def _mirror(side: str) -> np.ndarray:
     return np.array([1.0, 1.0, 1.0 if side == "left" else -1.0])
 
 
-def _place(
-    model: Model, world: np.ndarray, place: Place, side: str
-) -> tuple[int, np.ndarray, np.ndarray | None]:
+def _place(model: Model, world: np.ndarray, place: Place, side: str) -> tuple[int, np.ndarray, np.ndarray | None]:
     """The joint a keypoint rides on, where it is, and the direction to its place on the skin."""
     start, end = (model.node(name.replace("{S}", side)) for name in (place.start, place.end))
     way = world[end, :3, 3] - world[start, :3, 3]
