@@ -1,10 +1,11 @@
 """Sparse against dense extraction of the base shape: time of forward plus backward, memory, equality.
 
 One row per network and grid resolution (``spacing``, in the paper's units); milliseconds, medians of interleaved runs
-in one process. Dense evaluates every lattice point of both halves in fp32 and keeps what back-propagation needs of each;
-like sparse it does so in chunks of rows that suit the cache, so what is counted is activations, marks, tetrahedra and
-gradients, not temporaries as large as the lattice times the width. Not counted for the dense side: listing the
-tetrahedra, in time or memory. ``memory_ratio`` compares the growth of the peak resident set in fresh processes (Linux).
+in one process. Dense evaluates every lattice point of both halves in fp32 and keeps what back-propagation needs of
+each; like sparse it does so in chunks of rows that suit the cache, so what is counted is activations, marks,
+tetrahedra and gradients, not temporaries as large as the lattice times the width. Not counted for the dense side:
+listing the tetrahedra, in time or memory. ``memory_ratio`` compares the growth of the peak resident set in fresh
+processes (Linux).
 
 Networks: random ones, random ones with thin legs or with islands (analytic parts joined by a maximum), and the shapes
 of weight files, with the mean of their bank for a code. ``gradient_error`` is the relative L2 difference of all

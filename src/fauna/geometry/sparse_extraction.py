@@ -8,8 +8,8 @@
 5. Only the end points of edges that carry a vertex are evaluated with gradient.
 
 Steps 1 to 3 need signs, not values: an approximation, say in half precision, serves wherever it exceeds its error,
-which is measured at some points of each field. Step 5 is exact and sees a wrong sign at any of its points; then all is done
-again without the approximation.
+which is measured at some points of each field. Step 5 is exact and sees a wrong sign at any of its points; then all is
+done again without the approximation.
 
 Everything happens at x >= 0; the other half is the mirror image. Steps 1 to 3 are in ``narrow_band``.
 """
