@@ -108,7 +108,8 @@ def load(net: Net) -> Subject:
         style_offset=1.0,
         demodulation_eps=1e-5,
     )
-    return Subject(network, torch.randn(128), GRID_SCALE, (GRID_SCALE / 2,) * 3, in_bfloat16=True)
+    half = GRID_SCALE / 2
+    return Subject(network, torch.randn(128), GRID_SCALE, (half, half, half), in_bfloat16=True)
 
 
 def _load_file(path: Path) -> Subject:
@@ -256,7 +257,7 @@ def plan(args: argparse.Namespace) -> list[tuple[Net, int, int]]:
 
 def main() -> None:
     """Print and write one row per network and resolution."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--smoke", action="store_true", help="one narrow network at resolution 32")
     size.add_argument("--full", action="store_true", help="100 networks at 64, 10 at 128, 2 at 256; default 6, 3 and 1")

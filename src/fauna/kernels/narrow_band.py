@@ -192,7 +192,7 @@ def crossed_edges(cells, inside, active, table, grid, rings, cases, pairs):
 
 @njit(cache=True)
 def number_edges(inner, outer, num_points):
-    """Merge equal edges: (vert, 2) ends ordered by (inner, outer) and the edge of each corner, plus ``vert`` at ``~outer``.
+    """Merge equal edges: (vert, 2) ends by (inner, outer) and the edge of each corner, plus ``vert`` at ``~outer``.
 
     Edges are put into the bucket of their inner end and sorted within it; buckets hold fourteen at most.
     """
