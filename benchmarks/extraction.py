@@ -1,14 +1,15 @@
-"""Sparse against dense extraction of the base shape: time of forward plus backward, memory, equality of meshes and gradients.
+"""Sparse against dense extraction of the base shape: time of forward plus backward, memory, equality.
 
-One row per network and grid resolution (``spacing``, in the paper's units); milliseconds, medians of interleaved runs in
-one process. Dense evaluates every lattice point of both halves in fp32 and keeps what back-propagation needs of each;
-like sparse it does so in chunks of rows that suit the cache, so what is counted is activations, marks, tetrahedra and
-gradients, not temporaries as large as the lattice times the width. Not counted for the dense side: listing the
-tetrahedra, in time or memory. ``memory_ratio`` compares the growth of the peak resident set in fresh processes (Linux).
+One row per network and grid resolution (``spacing``, in the paper's units); milliseconds, medians of interleaved runs
+in one process. Dense evaluates every lattice point of both halves in fp32 and keeps what back-propagation needs of
+each; like sparse it does so in chunks of rows that suit the cache, so what is counted is activations, marks,
+tetrahedra and gradients, not temporaries as large as the lattice times the width. Not counted for the dense side:
+listing the tetrahedra, in time or memory. ``memory_ratio`` compares the growth of the peak resident set in fresh
+processes (Linux).
 
-Networks: random ones, random ones with thin legs or with islands (analytic parts joined by a maximum), and the shapes of
-weight files, with the mean of their bank for a code. ``gradient_error`` is the relative L2 difference of all parameters'
-gradients.
+Networks: random ones, random ones with thin legs or with islands (analytic parts joined by a maximum), and the shapes
+of weight files, with the mean of their bank for a code. ``gradient_error`` is the relative L2 difference of all
+parameters' gradients.
 
     python benchmarks/extraction.py [--smoke | --full] [--json FILE] [--weights FILE...]
 """
@@ -107,7 +108,8 @@ def load(net: Net) -> Subject:
         style_offset=1.0,
         demodulation_eps=1e-5,
     )
-    return Subject(network, torch.randn(128), GRID_SCALE, (GRID_SCALE / 2,) * 3, in_bfloat16=True)
+    half = GRID_SCALE / 2
+    return Subject(network, torch.randn(128), GRID_SCALE, (half, half, half), in_bfloat16=True)
 
 
 def _load_file(path: Path) -> Subject:
@@ -117,7 +119,8 @@ def _load_file(path: Path) -> Subject:
 
     with safe_open(path, framework="pt") as file:
         config = OmegaConf.create(file.metadata()["config"])
-        tensors = {name: file.get_tensor(name).float() for name in file.keys() if name.startswith(("shape.", "bank."))}  # noqa: SIM118
+        names = [name for name in file.keys() if name.startswith(("shape.", "bank."))]  # noqa: SIM118, not a dictionary
+        tensors = {name: file.get_tensor(name).float() for name in names}
     shape = instantiate(config.shape, _convert_="all")
     shape.load_state_dict({name.removeprefix("shape."): t for name, t in tensors.items() if name.startswith("shape.")})
     code = tensors["bank.values"].mean(dim=0)
@@ -254,7 +257,7 @@ def plan(args: argparse.Namespace) -> list[tuple[Net, int, int]]:
 
 def main() -> None:
     """Print and write one row per network and resolution."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--smoke", action="store_true", help="one narrow network at resolution 32")
     size.add_argument("--full", action="store_true", help="100 networks at 64, 10 at 128, 2 at 256; default 6, 3 and 1")

@@ -134,6 +134,18 @@ def test_marks_and_lists_of_the_backends_are_equal(monkeypatch):
         }
 
 
+def test_order_of_the_vertices_does_not_depend_on_bricks(backend):
+    """Lower end first, then the higher one, by their numbers in the lattice."""
+    net, code, offset = network(4)
+    with torch.no_grad():
+        band = NarrowBand(SignSource(net(code), None, torch.zeros(())), LATTICE, offset)
+        band.find_cells(1.5, 4)
+        ends = band_march.march(band).ends
+    numbers = LATTICE.number(band.bricks.half_steps(ends.flatten())).view(-1, 2).sort(dim=1).values.tolist()
+    assert numbers == sorted(numbers)
+    assert len(set(map(tuple, numbers))) == len(numbers) > 100
+
+
 def test_a_wrong_approximation_is_seen_and_done_without(backend):
     """Off by 0.4 everywhere but where it is calibrated."""
     net, code, offset = network(0)

@@ -42,6 +42,8 @@ def test_positions_by_hand():
 def test_numbers_are_inverse_to_indices():
     cells = torch.arange(LATTICE.num_cells)
     assert torch.equal(LATTICE.cell_number(LATTICE.cell_index(cells)), cells)
+    points = torch.arange(LATTICE.num_corners + LATTICE.num_cells)
+    assert torch.equal(LATTICE.number(LATTICE.half_steps(points)), points)
     assert LATTICE.contains(LATTICE.cell_index(cells)).all()
     assert not LATTICE.contains(torch.tensor([[2, 0, 0], [0, -1, 0], [0, 0, 4]])).any()
 

@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Int
 from torch import Tensor
 
-from fauna.geometry.band_ops import RINGS, in_kernels, kernels
+from fauna.geometry.band_ops import RINGS, half_steps, in_kernels, kernels
 from fauna.geometry.lattice import face_tets
 from fauna.geometry.marching_tets import TET_EDGES, case_table, crossing_edges, tet_triangles
 from fauna.geometry.narrow_band import NarrowBand
@@ -18,9 +18,10 @@ class HalfSurface:
     """Triangles of the half x >= 0 and across its plane.
 
     Attributes:
-        ends: (vert, 2) points at the inner and the outer end of each vertex's edge, in the numbers of the bricks, sorted.
+        ends: (vert, 2) points at the inner and the outer end of each vertex's edge, in the numbers of the bricks;
+            ordered by the lower and the higher number in the lattice, so that bricks leave no trace in the mesh.
         faces: (face, 3) triangles at x >= 0.
-        straddling: (crossing, 3) triangles across the plane, ``vert + i`` standing for the mirror image of vertex ``i``.
+        straddling: (crossing, 3) triangles across the plane, ``vert + i`` for the mirror image of vertex ``i``.
     """
 
     ends: Int[Tensor, "vert 2"]
@@ -32,7 +33,19 @@ def march(band: NarrowBand) -> HalfSurface | None:
     """Triangles of the tetrahedra that touch active cells; ``None`` when there are none."""
     cells = band.cells()
     surface = _march_numba(band, cells) if in_kernels(cells) else _march_torch(band, cells)
-    return surface if len(surface.ends) else None
+    return _ordered(surface, band) if len(surface.ends) else None
+
+
+def _ordered(surface: HalfSurface, band: NarrowBand) -> HalfSurface:
+    """Vertices in the order of the lattice."""
+    lattice, count = band.lattice, len(surface.ends)
+    numbers = lattice.number(half_steps(surface.ends.flatten(), band.bricks)).view(-1, 2)
+    keys = numbers.amin(dim=1) * (lattice.num_corners + lattice.num_cells) + numbers.amax(dim=1)
+    order = keys.argsort()
+    rank = torch.empty_like(order)
+    rank[order] = torch.arange(count, device=order.device)
+    both = torch.cat((rank, rank + count))
+    return HalfSurface(surface.ends[order], rank[surface.faces], both[surface.straddling])
 
 
 def _march_numba(band: NarrowBand, cells: Tensor) -> HalfSurface:

@@ -89,7 +89,7 @@ def half_steps(points: Int[Tensor, " point"], bricks: Bricks) -> Int[Tensor, "po
 
 
 def surroundings(cells: Int[Tensor, "cell 3"], bricks: Bricks) -> Bool[Tensor, " point"]:
-    """Marks of the points that decide all tetrahedra of cells: their corners, their centres, the neighbours' centres."""
+    """Marks of the points that decide all tetrahedra of cells: their corners and centres, the neighbours' centres."""
     wanted = torch.zeros(len(bricks), dtype=torch.bool, device=cells.device)
     if in_kernels(cells):
         assert kernels is not None

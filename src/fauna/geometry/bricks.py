@@ -1,4 +1,4 @@
-"""Marks at lattice points around a surface, stored in small cubes of cells so that nothing is as large as the lattice."""
+"""Numbers for the lattice points near a surface, so that no array of marks is as large as the lattice."""
 
 import numpy as np
 import torch

@@ -101,6 +101,11 @@ class BCCLattice:
         centre = 2 * _unravel((points - self.num_corners).clamp(min=0), self.shape) + 1
         return torch.where(is_corner, corner, centre)
 
+    def number(self, half_steps: Int[Tensor, "point 3"]) -> Int[Tensor, " point"]:
+        """Inverse of :meth:`half_steps`."""
+        index = half_steps // 2
+        return torch.where(half_steps[:, 0] % 2 == 0, self.corner_number(index), self.centre_number(index))
+
     def positions(self, points: Int[Tensor, " point"], offset: Float[Tensor, "3"]) -> Float[Tensor, "point 3"]:
         """World coordinates of lattice points in the dtype of ``offset``, which shifts the lattice."""
         return self.embed(self.half_steps(points), offset)

@@ -7,9 +7,9 @@
 4. Marching tetrahedra on the crossed tetrahedra around active cells.
 5. Only the end points of edges that carry a vertex are evaluated with gradient.
 
-Steps 1 to 3 need signs, not values: an approximation, say in half precision, serves wherever it exceeds its error, which
-is measured at some points of each field. Step 5 is exact and sees a wrong sign at any of its points; then all is done
-again without the approximation.
+Steps 1 to 3 need signs, not values: an approximation, say in half precision, serves wherever it exceeds its error,
+which is measured at some points of each field. Step 5 is exact and sees a wrong sign at any of its points; then all is
+done again without the approximation.
 
 Everything happens at x >= 0; the other half is the mirror image. Steps 1 to 3 are in ``narrow_band``.
 """
@@ -85,8 +85,9 @@ def extract_sparse(
 ) -> tuple[Float[Tensor, "vert 3"], Int[Tensor, "face 3"], ExtractionStats]:
     """Zero level of ``sdf`` on the lattice shifted by ``offset``, exactly mirror symmetric.
 
-    Vertices of x >= 0 come first, ordered by edge, then the mirror images of those off the plane. Mirrored faces are
-    mirror images up to the diagonals of quads that straddle the plane. The mesh is closed, also at the border.
+    Vertices of x >= 0 come first, ordered by the ends of their edges, then the mirror images of those off the plane.
+    Mirrored faces are mirror images up to the diagonals of quads that straddle the plane. The mesh is closed, also at
+    the border.
 
     Args:
         sdf: differentiable in whatever it closes over; must be even in x.

@@ -126,7 +126,7 @@ def mark_behind(cells, fresh, inside, active, table, grid, rings):
 
 @njit(cache=True)
 def _face_points(points, table, grid, rings, i, j, k, axis, thickness):
-    """Numbers of the centres on the two sides of a cell's high face and of the face's ring; ``thickness`` 0: its low face."""
+    """Numbers of the centres on both sides of a cell's high face and of its ring; with ``thickness`` 0 its low face."""
     a, b, c = thickness * (axis == 0), thickness * (axis == 1), thickness * (axis == 2)
     points[0] = _centre(table, grid, i, j, k)
     points[1] = _centre(table, grid, i + a, j + b, k + c)
@@ -192,7 +192,7 @@ def crossed_edges(cells, inside, active, table, grid, rings, cases, pairs):
 
 @njit(cache=True)
 def number_edges(inner, outer, num_points):
-    """Merge equal edges: (vert, 2) ends ordered by (inner, outer), and the edge of each corner; ``~outer`` adds the count.
+    """Merge equal edges: (vert, 2) ends by (inner, outer) and the edge of each corner, plus ``vert`` at ``~outer``.
 
     Edges are put into the bucket of their inner end and sorted within it; buckets hold fourteen at most.
     """
