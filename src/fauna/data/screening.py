@@ -61,12 +61,10 @@ def screen_photos(
     """
     verdicts = _verdicts(photos, size, valid_margin, index, workers)
     good = tuple(photo for photo, verdict in zip(photos, verdicts, strict=True) if verdict == USABLE)
-    rejected = tuple(
-        (photo.name, verdict) for photo, verdict in zip(photos, verdicts, strict=True) if verdict != USABLE
-    )
+    rejected = [(photo.name, verdict) for photo, verdict in zip(photos, verdicts, strict=True) if verdict != USABLE]
     if rejected and on_bad == "error":
         raise FaunaError(rejected[0][1])
-    if photos and not good:
+    if rejected and not good:
         raise FaunaError(
             f"expected at least one usable photo of {len(photos)}, got none; first problem: {rejected[0][1]}"
         )
@@ -77,7 +75,7 @@ def screen_photos(
             UserWarning,
             stacklevel=2,
         )
-    return Screening(good, rejected)
+    return Screening(good, tuple(rejected))
 
 
 def screen_categories(
