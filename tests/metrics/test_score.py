@@ -82,6 +82,27 @@ def test_order_changes_nothing(flock, scores):
     assert json.dumps(score(*shuffled, **OPTIONS), sort_keys=True) == json.dumps(scores, sort_keys=True)
 
 
+def test_stored_precision_is_enough(flock, scores):
+    def stored(p):
+        single = {
+            name: getattr(p, name).astype(np.float32) for name in ("verts", "canonical", "local", "camera_from_world")
+        }
+        return replace(p, faces=p.faces.astype(np.int32), bone=p.bone.astype(np.int8), **single)
+
+    found = score([stored(p) for p in flock[0]], flock[1], **OPTIONS)["metrics"]
+    for key, row in scores["metrics"].items():
+        assert found[key]["value"] == pytest.approx(row["value"], abs=0.02), key
+        assert found[key]["n"] == row["n"], key
+
+
+def test_photos_in_no_drawn_pair_are_named():
+    predictions, samples = herd(8)
+    result = score(predictions, samples, seed=0, pairs=2, bootstrap=0)
+    missing = [row["name"] for row in result["left_out"] if row["reason"] == "in none of the drawn pairs"]
+    assert result["metrics"]["kt_pck@0.1"]["pairs"] == 2
+    assert len(missing) == 2 * (8 - result["metrics"]["kt_pck@0.1"]["n"])
+
+
 def test_a_species_scores_the_same_alone(flock, scores):
     predictions, samples = flock
     alone = score(
