@@ -19,7 +19,9 @@ class PhotoCollections(PhotoCollection):
 
     def __init__(self, *, members: Mapping[str, PhotoCollection]) -> None:
         if not members:
-            raise FaunaError("data.source.members: expected at least one collection, got none; name some or use data=zoo")
+            raise FaunaError(
+                "data.source.members: expected at least one collection, got none; name some or use data=zoo"
+            )
         self.members = dict(members)
 
     def categories(self) -> dict[str, CategoryPhotos]:

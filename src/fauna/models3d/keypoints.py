@@ -30,9 +30,7 @@ class Binding:
     offsets: Float[np.ndarray, "20 3"]
     vertices: Int[np.ndarray, "20"]
 
-    def at(
-        self, verts: Float[np.ndarray, "vert 3"], world: Float[np.ndarray, "node 4 4"]
-    ) -> Float[np.ndarray, "20 3"]:
+    def at(self, verts: Float[np.ndarray, "vert 3"], world: Float[np.ndarray, "node 4 4"]) -> Float[np.ndarray, "20 3"]:
         """Keypoints of a pose.
 
         Args:
@@ -127,16 +125,16 @@ def _mirror(side: str) -> np.ndarray:
     return np.array([1.0, 1.0, 1.0 if side == "left" else -1.0])
 
 
-def _place(
-    model: Model, world: np.ndarray, place: Place, side: str
-) -> tuple[int, np.ndarray, np.ndarray | None]:
+def _place(model: Model, world: np.ndarray, place: Place, side: str) -> tuple[int, np.ndarray, np.ndarray | None]:
     """The joint a keypoint rides on, where it is, and the direction to its place on the skin."""
     start, end = (model.node(name.replace("{S}", side)) for name in (place.start, place.end))
     way = world[end, :3, 3] - world[start, :3, 3]
     point = world[start, :3, 3] + place.share * way + np.array([0.0, 0.0, place.forward * np.linalg.norm(way)])
     if place.toward is None:
         return start, point, None
-    return start, point, np.array([0.0, -way[2], way[1]] if place.toward == "under" else place.toward)
+    if place.toward == "under":
+        return start, point, np.array([0.0, -way[2], way[1]]) - 0.5 * way
+    return start, point, np.array(place.toward)
 
 
 def _seen(verts: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> int:

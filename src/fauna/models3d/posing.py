@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from fauna.models3d.animal import TAILBASE, WITHERS, Animal, apply
-from fauna.models3d.clips import Locals, local_from_world, world_from_node
+from fauna.models3d.clips import Locals, world_from_node
 from fauna.models3d.model import skin
+from fauna.models3d.retarget import local_from_world
 from fauna.zoo.products import dot
 from fauna.zoo.surface import vertex_normals
 

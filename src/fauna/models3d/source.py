@@ -14,7 +14,7 @@ from fauna.data.truth import Truth3D
 from fauna.errors import FaunaError
 from fauna.models3d.catalogue import CATALOGUE, CC_BY, Entry, lookup
 from fauna.models3d.herd import PHOTOS_PER_INDIVIDUAL, Herd, Views, model_files
-from fauna.models3d.model import load_model
+from fauna.models3d.load import load_model
 from fauna.zoo.body import KEYPOINTS
 
 
