@@ -92,11 +92,9 @@ def test_dead_clips_are_left_out(folder):
 
 def test_a_clip_that_turns_on_the_spot_does_not_turn_the_trunk(folder):
     animal = prepare(folder / "Pony.glb")
-    verts, points = pose_animal(animal, PLAIN, "Armature|Turn", 0.3)
-    np.testing.assert_allclose(points, animal.keypoints @ np.eye(3), atol=0.02)
-    ahead = points[KEYPOINTS.index("withers")] - points[KEYPOINTS.index("tailbase")]
-    assert abs(ahead[0]) < 1e-9
-    assert np.abs(verts - animal.rest).max() < 0.05
+    _, points = pose_animal(animal, PLAIN, "Armature|Turn", 0.3)
+    moved = points - animal.keypoints
+    np.testing.assert_allclose(moved, np.broadcast_to(moved.mean(0), moved.shape), atol=1e-6)  # a shift is left
 
 
 def test_walking_swings_opposite_legs_and_leaves_the_trunk(folder):

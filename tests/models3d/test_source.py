@@ -129,7 +129,6 @@ def test_collections_merge_species_of_one_name(root):
         ({"root": None}, "data.root: expected a folder of rigged .glb models, got none"),
         ({"models": ["Cat"]}, r"data.source.models: expected names among .*Pony.* got \['Cat'\]"),
         ({"test_families": ["cats"]}, r"data.source.test_families: expected names among .* got \['cats'\]"),
-        ({"views": "above"}, "data.source.views: expected photographer or uniform, got 'above'"),
     ],
 )
 def test_messages(root, changes, message):

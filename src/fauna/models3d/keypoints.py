@@ -90,7 +90,7 @@ def head_frame(
     The nose is the foremost vertex of the head near the mirror plane; horns and ears do not reach it.
     """
     line = head & (np.abs(verts[:, 0]) < MIDLINE * np.ptp(verts[:, 1]))
-    nose = int(np.where(line, verts[:, 2], -np.inf).argmax())
+    nose = int(np.where(line, verts[:, 2] - np.abs(verts[:, 0]), -np.inf).argmax())
     origin = world[model.node(rig.head), :3, 3] * [0, 1, 1]
     forward = verts[nose] * [0, 1, 1] - origin
     up = np.array([0.0, forward[2], -forward[1]])

@@ -49,8 +49,6 @@ class Models3D(PhotoCollection):
                 "data.root: expected a folder of rigged .glb models, got none; give data.root=FOLDER (what fits: docs/data.md), "
                 "or use data=zoo, which runs at once"
             )
-        if views not in ("photographer", "uniform"):
-            raise FaunaError(f"data.source.views: expected photographer or uniform, got {views!r}; mend it")
         self.root = Path(root).expanduser()
         files = model_files(self.root)
         unknown = sorted(set(models or ()) - set(files))
