@@ -1,6 +1,6 @@
 """A model prepared once for all its photographs: smooth mesh, keypoints, coat and clips, in withers heights."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,17 +8,19 @@ from jaxtyping import Float, Int
 
 from fauna.errors import FaunaError
 from fauna.models3d.catalogue import Entry, lookup
-from fauna.models3d.clips import Clip, Skeleton, borrow, local_from_world
+from fauna.models3d.clips import Clip
 from fauna.models3d.coat import base_colours, base_gloss, openness
 from fauna.models3d.keypoints import Binding, bind, leg_shares, loose_share
-from fauna.models3d.model import Model, load_model, skin
+from fauna.models3d.load import load_model
+from fauna.models3d.model import Model, skin
 from fauna.models3d.refine import Refinement, refine
+from fauna.models3d.retarget import Skeleton, borrow, local_from_world
 from fauna.zoo.body import KEYPOINTS
 from fauna.zoo.products import dot
 from fauna.zoo.surface import vertex_normals
 
-LEFT_OUT = ("death", "die", "fall", "jump", "rest")
-"""Clips whose names contain one of these words are no poses to learn from: dead, in the air for long, or not a pose of life."""
+LEFT_OUT = ("death", "die", "fall", "jump", "lay", "rest")
+"""Clips whose names contain one of these words are left out: dead or on its side, in the air for long, or no pose of life."""
 WITHERS, TAILBASE, NOSE = (KEYPOINTS.index(name) for name in ("withers", "tailbase", "nose"))
 
 
@@ -67,14 +69,14 @@ def prepare(path: Path) -> Animal:
     """
     model = load_model(path)
     entry = lookup(model)
+    coarse = skin(model, model.bind_world)
+    refinement = refine(coarse, model.faces)
     try:
-        refinement = refine(model.verts, model.faces)
         binding = bind(model, entry.rig, refinement, entry.eye, entry.ear)
     except KeyError as error:
         raise FaunaError(
             f"{path} expects the joint {error} of its rig, got none; export it with its skeleton"
         ) from error
-    coarse = skin(model, model.bind_world)
     fine = refinement.fine_from_coarse @ coarse
     keypoints = binding.at(fine, model.bind_world)
     if keypoints[NOSE, 2] <= keypoints[TAILBASE, 2] or keypoints[WITHERS, 1] <= fine[:, 1].min():
@@ -87,8 +89,11 @@ def prepare(path: Path) -> Animal:
     legs, loose = leg_shares(model, entry.rig, refinement), loose_share(model, entry.rig, refinement)
     refined = rest[: len(refinement.chosen)]  # the places of the coarse mesh
     occlusion = openness(refined, vertex_normals(rest, refinement.faces)[: len(refined)], refinement.coarse_faces)
+    plain = tuple(
+        replace(material, texture=None) for material in model.materials
+    )  # the colours are known, pictures are large
     return Animal(
-        entry=entry, model=model, refinement=refinement, binding=binding, clips=_clips(path, model, entry),
+        entry=entry, model=replace(model, materials=plain), refinement=refinement, binding=binding, clips=_clips(path, model, entry),
         animal_from_file=frame, rest=rest, normals=vertex_normals(rest, refinement.faces), keypoints=apply(frame, keypoints),
         legs=np.where(legs.max(1) > 0.5, legs.argmax(1), -1),
         girth=np.stack([np.clip(1 - loose - legs.sum(1), 0, 1), legs.sum(1)], 1),

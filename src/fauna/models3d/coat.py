@@ -61,15 +61,16 @@ def openness(
     crossed = np.cross(b - a, c - a)
     area = 0.5 * np.linalg.norm(crossed, axis=1)
     centre, facing = (a + b + c) / 3, crossed / np.maximum(2 * area, 1e-12)[:, None]
-    out = np.empty(len(verts))
+    hidden = np.empty(len(verts))
     for first in range(0, len(verts), CHUNK):
-        place, normal = verts[first : first + CHUNK, None], normals[first : first + CHUNK, None]
-        away = centre[None] - place
-        squared = (away**2).sum(-1) + 1e-9
-        receive = np.clip((away * normal).sum(-1), 0, None)
-        emit = np.clip(-(away * facing[None]).sum(-1), 0, None)
-        out[first : first + CHUNK] = (receive * emit * area / (squared * (np.pi * squared + area))).sum(1)
-    return np.clip(1 - out, 0.05, 1)
+        place, normal = verts[first : first + CHUNK], normals[first : first + CHUNK]
+        receive = dot(normal, centre.T) - (place * normal).sum(1)[:, None]
+        emit = dot(place, facing.T) - (centre * facing).sum(1)
+        squared = (place**2).sum(1)[:, None] - 2 * dot(place, centre.T) + (centre**2).sum(1)
+        squared = np.maximum(squared, 1e-9)
+        seen = np.clip(receive, 0, None) * np.clip(emit, 0, None) * area
+        hidden[first : first + CHUNK] = (seen / (squared * (np.pi * squared + area))).sum(1)
+    return np.clip(1 - hidden, 0.05, 1)
 
 
 def paint(

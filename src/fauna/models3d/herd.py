@@ -1,9 +1,11 @@
 """The herd: a deterministic supply of photographs of rigged models, with truth."""
 
+import threading
 from collections import OrderedDict
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -21,8 +23,8 @@ from fauna.zoo.scene import sample_surroundings
 from fauna.zoo.view import View, sample_view
 
 PHOTOS_PER_INDIVIDUAL = 4
-CACHED = 8
-"""Prepared models, and individuals, kept in memory."""
+CACHED = 32
+"""Prepared models (about 10 MB each), and individuals, kept in memory."""
 BEARING = 0.5
 """Share of trunk and legs from which a vertex may rest on the ground."""
 EYE_RADIUS = 0.05
@@ -75,6 +77,7 @@ class Herd:
         self.views: Views = views
         self._animals: OrderedDict[str, Animal] = OrderedDict()
         self._individuals: OrderedDict[tuple[str, int], _Individual] = OrderedDict()
+        self._lock = threading.Lock()  # photographs are drawn by several threads
 
     def sample(self, model: str, index: int) -> HerdSample:
         """Photograph ``index`` of a model.
@@ -98,13 +101,15 @@ class Herd:
         """A prepared model."""
         if model not in self.files:
             raise FaunaError(f"unknown model {model!r}; expected one of {', '.join(self.files)}")
-        return _kept(self._animals, model, lambda: prepare(self.files[model]))
+        with self._lock:
+            return _kept(self._animals, model, lambda: prepare(self.files[model]))
 
     def _stage(self, model: str, index: int) -> tuple[Animal, _Individual, np.ndarray, View, str, Truth3D]:
         if index < 0:
             raise FaunaError(f"index must not be negative, received {index}; photos are numbered from 0")
         animal, number = self.animal(model), index // PHOTOS_PER_INDIVIDUAL
-        individual = _kept(self._individuals, (model, number), lambda: self._grow(model, animal, number))
+        with self._lock:
+            individual = _kept(self._individuals, (model, number), lambda: self._grow(model, animal, number))
         clip, time = sample_moment(animal, self._rng("pose", model, index))
         verts, keypoints = pose_animal(animal, individual.build, clip, time)
         faces = animal.refinement.faces
@@ -165,7 +170,7 @@ def _uniform_view(verts: Float[np.ndarray, "vert 3"], faces: np.ndarray, rng: np
     )
 
 
-def _kept(cache: OrderedDict, key, make):  # noqa: ANN001, ANN202
+def _kept(cache: OrderedDict, key: Hashable, make: Callable[[], Any]) -> Any:
     """Look up or make; the least recently used entry leaves a full cache."""
     if key not in cache:
         cache[key] = make()

@@ -90,7 +90,7 @@ def head_frame(
     The nose is the foremost vertex of the head near the mirror plane; horns and ears do not reach it.
     """
     line = head & (np.abs(verts[:, 0]) < MIDLINE * np.ptp(verts[:, 1]))
-    nose = int(np.where(line, verts[:, 2], -np.inf).argmax())
+    nose = int(np.where(line, verts[:, 2] - np.abs(verts[:, 0]), -np.inf).argmax())
     origin = world[model.node(rig.head), :3, 3] * [0, 1, 1]
     forward = verts[nose] * [0, 1, 1] - origin
     up = np.array([0.0, forward[2], -forward[1]])
@@ -132,7 +132,9 @@ def _place(model: Model, world: np.ndarray, place: Place, side: str) -> tuple[in
     point = world[start, :3, 3] + place.share * way + np.array([0.0, 0.0, place.forward * np.linalg.norm(way)])
     if place.toward is None:
         return start, point, None
-    return start, point, np.array([0.0, -way[2], way[1]] if place.toward == "under" else place.toward)
+    if place.toward == "under":
+        return start, point, np.array([0.0, -way[2], way[1]]) - 0.5 * way
+    return start, point, np.array(place.toward)
 
 
 def _seen(verts: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> int:

@@ -6,8 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from fauna.models3d.animal import TAILBASE, WITHERS, Animal, apply
-from fauna.models3d.clips import Locals, local_from_world, world_from_node
+from fauna.models3d.clips import Locals, world_from_node
 from fauna.models3d.model import skin
+from fauna.models3d.retarget import local_from_world
 from fauna.zoo.products import dot
 from fauna.zoo.surface import vertex_normals
 
@@ -52,7 +53,7 @@ def pose_animal(
 ) -> tuple[Float[np.ndarray, "vert 3"], Float[np.ndarray, "20 3"]]:
     """Fine vertices and keypoints of an individual in a pose, in the animal's frame.
 
-    The trunk is turned about the vertical to look along +z, so that azimuths mean the same in a clip that turns on the spot.
+    The trunk is turned about the vertical to look where it does in the bound pose, along +z, so that azimuths mean the same in a clip that turns on the spot.
 
     Args:
         animal: the model.
@@ -70,7 +71,8 @@ def pose_animal(
     verts = apply(to_animal, animal.refinement.fine_from_coarse @ skin(model, world))
     verts = verts + dot(animal.girth, build.girth)[:, None] * vertex_normals(verts, animal.refinement.faces)
     points = animal.binding.at(verts, to_animal @ world)
-    turn = _facing_forward(points[WITHERS] - points[TAILBASE])
+    bound = (animal.keypoints[WITHERS] - animal.keypoints[TAILBASE]) * build.stretch
+    turn = _turned_back(bound, points[WITHERS] - points[TAILBASE])
     return dot(verts, turn.T), dot(points, turn.T)
 
 
@@ -85,10 +87,10 @@ def _reproportioned(animal: Animal, build: Build, local: Locals) -> Locals:
     return changed
 
 
-def _facing_forward(ahead: np.ndarray) -> np.ndarray:
-    """Rotation about y that turns a direction into the plane x = 0; none for a trunk that stands upright."""
-    level = np.hypot(ahead[0], ahead[2])
-    if level < 0.3 * np.linalg.norm(ahead):
+def _turned_back(bound: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+    """Rotation about y that takes the posed direction of the trunk to the bound one; none for a trunk that stands upright."""
+    if np.hypot(ahead[0], ahead[2]) < 0.3 * np.linalg.norm(ahead):
         return np.eye(3)
-    sine, cosine = ahead[0] / level, ahead[2] / level
-    return np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
+    angle = np.arctan2(bound[0], bound[2]) - np.arctan2(ahead[0], ahead[2])
+    sine, cosine = np.sin(angle), np.cos(angle)
+    return np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import coo_matrix, csr_matrix, identity
+from scipy.sparse import coo_array, csr_array, eye_array
+
+from fauna.errors import FaunaError
 
 TARGET_FACES = 12_000
 """Faces after refinement: a crop of 256 pixels then shows about one per pixel pair."""
@@ -25,7 +27,7 @@ class Refinement:
         corner_shares: (face, 3, 3) barycentric coordinates, within that coarse face, of the fine face's corners.
     """
 
-    fine_from_coarse: csr_matrix
+    fine_from_coarse: csr_array
     faces: Int[np.ndarray, "face 3"]
     chosen: Int[np.ndarray, " place"]
     coarse_faces: Int[np.ndarray, "coarse 3"]
@@ -51,26 +53,32 @@ def refine(
         verts: at rest.
         faces: as stored; corners may be split between faces.
         target_faces: least number of fine faces.
+
+    Raises:
+        FaunaError: when no triangle has an area.
     """
     place = weld(verts)
     chosen = np.unique(place, return_index=True)[1]  # one vertex of each place stands for all
     joined = place[faces]
     kept = np.flatnonzero((joined != np.roll(joined, 1, axis=1)).all(1))
     mesh, count = joined[kept], len(chosen)
-    matrix = identity(count, format="csr")
+    matrix = csr_array(eye_array(count))
     owner, shares = kept, np.tile(np.eye(3), (len(kept), 1, 1))
+    if not len(mesh):
+        raise FaunaError("a model expects triangles that have an area, got none; export it again")
+    fine = count
     while len(mesh) < target_faces:
-        step, mesh, owner, shares = _subdivide(mesh, matrix.shape[0], owner, shares)
-        matrix = step @ matrix
+        step, mesh, owner, shares = _subdivide(mesh, fine, owner, shares)
+        matrix, fine = step @ matrix, len(step.indptr) - 1
     smooth = matrix[:count]
-    toward = 2 * identity(count, format="csr") - smooth  # one step of fitting the control points
-    pick = coo_matrix((np.ones(count), (np.arange(count), chosen)), (count, len(verts))).tocsr()
+    toward = 2 * csr_array(eye_array(count)) - smooth  # one step of fitting the control points
+    pick = coo_array((np.ones(count), (np.arange(count), chosen)), (count, len(verts))).tocsr()
     return Refinement((matrix @ toward @ pick).tocsr(), mesh, chosen, joined[kept], owner, shares)
 
 
 def _subdivide(
     faces: np.ndarray, count: int, owner: np.ndarray, shares: np.ndarray
-) -> tuple[csr_matrix, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[csr_array, np.ndarray, np.ndarray, np.ndarray]:
     """One round: old vertices keep their numbers, edges add new ones."""
     sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     across = np.concatenate([faces[:, 2], faces[:, 0], faces[:, 1]])
@@ -88,7 +96,7 @@ def _subdivide(
     return _stencil(edges, uses, edge_of, across, count), children, np.tile(owner, 4), fine_shares
 
 
-def _stencil(edges: np.ndarray, uses: np.ndarray, edge_of: np.ndarray, across: np.ndarray, count: int) -> csr_matrix:
+def _stencil(edges: np.ndarray, uses: np.ndarray, edge_of: np.ndarray, across: np.ndarray, count: int) -> csr_array:
     """Loop's weights; edges that are not between two faces follow the rule for borders."""
     inner = uses == 2
     number = count + np.arange(len(edges))
@@ -111,4 +119,4 @@ def _stencil(edges: np.ndarray, uses: np.ndarray, edge_of: np.ndarray, across: n
         columns += [edges[:, end], border_ends[:, end]]
         values += [beta[edges[:, start]], np.where(crease[border_ends[:, start]], 1 / 8, 0.0)]
     shape = (count + len(edges), count)
-    return coo_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape).tocsr()
+    return coo_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape).tocsr()

@@ -19,8 +19,8 @@ class Place:
         end: joint it lies towards.
         share: 0 at ``start``, 1 at ``end``.
         forward: moved towards +z, in lengths of the way from start to end.
-        toward: direction in which the skin is looked for, animal frame; ``"under"`` is square to the way from start to end, on
-            its underside; ``None`` = stay inside.
+        toward: direction in which the skin is looked for, animal frame; ``"under"`` points out of the underside of the way from
+            start to end, and somewhat back along it; ``None`` = stay inside.
     """
 
     start: str

@@ -14,7 +14,7 @@ from fauna.data.truth import Truth3D
 from fauna.errors import FaunaError
 from fauna.models3d.catalogue import CATALOGUE, CC_BY, Entry, lookup
 from fauna.models3d.herd import PHOTOS_PER_INDIVIDUAL, Herd, Views, model_files
-from fauna.models3d.model import load_model
+from fauna.models3d.load import load_model
 from fauna.zoo.body import KEYPOINTS
 
 
@@ -49,8 +49,6 @@ class Models3D(PhotoCollection):
                 "data.root: expected a folder of rigged .glb models, got none; give data.root=FOLDER (what fits: docs/data.md), "
                 "or use data=zoo, which runs at once"
             )
-        if views not in ("photographer", "uniform"):
-            raise FaunaError(f"data.source.views: expected photographer or uniform, got {views!r}; mend it")
         self.root = Path(root).expanduser()
         files = model_files(self.root)
         unknown = sorted(set(models or ()) - set(files))

@@ -1,0 +1,1 @@
+"""Rigged models from files, photographed in the zoo's surroundings."""
