@@ -8,32 +8,16 @@ import math
 import numpy as np
 from numba import njit
 
+LEAF = 8  # triangles of the smallest boxes
+
 
 @njit(cache=True, inline="always")
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(cache=True)
-def _closest_on_segment(p, a, b):
-    """Parameter in [0, 1] of the nearest point of a + t (b - a)."""
-    length = along = 0.0
-    for axis in range(3):
-        step = b[axis] - a[axis]
-        length += step * step
-        along += step * (p[axis] - a[axis])
+def _on_segment(px, py, pz, dx, dy, dz):
+    """Parameter in [0, 1] of the point t d nearest to p."""
+    length = dx * dx + dy * dy + dz * dz
     if length <= 0.0:
         return 0.0
-    return min(max(along / length, 0.0), 1.0)
-
-
-@njit(cache=True)
-def _distance2(p, corners, u, v, w):
-    total = 0.0
-    for axis in range(3):
-        step = p[axis] - u * corners[0, axis] - v * corners[1, axis] - w * corners[2, axis]
-        total += step * step
-    return total
+    return min(max((px * dx + py * dy + pz * dz) / length, 0.0), 1.0)
 
 
 @njit(cache=True)
@@ -42,27 +26,32 @@ def closest_on_triangle(p, corners):
 
     The foot of the perpendicular if it lies inside, otherwise the best point of the three sides.
     """
-    e0, e1, ep = np.empty(3), np.empty(3), np.empty(3)
-    for axis in range(3):
-        e0[axis] = corners[1, axis] - corners[0, axis]
-        e1[axis] = corners[2, axis] - corners[0, axis]
-        ep[axis] = p[axis] - corners[0, axis]
-    d00, d01, d11, d0, d1 = _dot(e0, e0), _dot(e0, e1), _dot(e1, e1), _dot(e0, ep), _dot(e1, ep)
-    area = d00 * d11 - d01 * d01
-    if area > 1e-14 * d00 * d11:
-        v, w = (d11 * d0 - d01 * d1) / area, (d00 * d1 - d01 * d0) / area
+    px, py, pz = p[0] - corners[0, 0], p[1] - corners[0, 1], p[2] - corners[0, 2]
+    ax, ay, az = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1], corners[1, 2] - corners[0, 2]
+    bx, by, bz = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1], corners[2, 2] - corners[0, 2]
+    aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
+    pa, pb = px * ax + py * ay + pz * az, px * bx + py * by + pz * bz
+    area = aa * bb - ab * ab
+    if area > 1e-14 * aa * bb:
+        v, w = (bb * pa - ab * pb) / area, (aa * pb - ab * pa) / area
         if v >= 0.0 and w >= 0.0 and v + w <= 1.0:
-            return 1.0 - v - w, v, w, _distance2(p, corners, 1.0 - v - w, v, w)
-    best_u, best_v, best_w, best = 1.0, 0.0, 0.0, np.inf
-    for side in range(3):
-        t = _closest_on_segment(p, corners[side], corners[(side + 1) % 3])
-        u = 1.0 - t if side == 0 else (t if side == 2 else 0.0)
-        v = 1.0 - t if side == 1 else (t if side == 0 else 0.0)
-        w = 1.0 - t if side == 2 else (t if side == 1 else 0.0)
-        distance2 = _distance2(p, corners, u, v, w)
-        if distance2 < best:
-            best_u, best_v, best_w, best = u, v, w, distance2
-    return best_u, best_v, best_w, best
+            dx, dy, dz = px - v * ax - w * bx, py - v * ay - w * by, pz - v * az - w * bz
+            return max(1.0 - v - w, 0.0), v, w, dx * dx + dy * dy + dz * dz
+    v = _on_segment(px, py, pz, ax, ay, az)
+    dx, dy, dz = px - v * ax, py - v * ay, pz - v * az
+    best_v, best_w, best = v, 0.0, dx * dx + dy * dy + dz * dz
+    w = _on_segment(px, py, pz, bx, by, bz)
+    dx, dy, dz = px - w * bx, py - w * by, pz - w * bz
+    distance2 = dx * dx + dy * dy + dz * dz
+    if distance2 < best:
+        best_v, best_w, best = 0.0, w, distance2
+    w = _on_segment(px - ax, py - ay, pz - az, bx - ax, by - ay, bz - az)
+    v = 1.0 - w
+    dx, dy, dz = px - v * ax - w * bx, py - v * ay - w * by, pz - v * az - w * bz
+    distance2 = dx * dx + dy * dy + dz * dz
+    if distance2 < best:
+        best_v, best_w, best = v, w, distance2
+    return max(1.0 - best_v - best_w, 0.0), best_v, best_w, best
 
 
 @njit(cache=True)
@@ -94,67 +83,74 @@ def nearest_in_group(points, starts, stops, corners, centres, radii):
 
 
 @njit(cache=True)
-def _cell(value, low, size, count):
-    return min(max(np.int64(math.floor((value - low) / size)), 0), count - 1)
+def build_tree(corners):
+    """Bounding boxes of a balanced binary tree over triangles.
+
+    Returns:
+        ``order``: triangles, those of a node side by side. ``ranges``: (node, 2) places in ``order``. ``boxes``: (node, 2, 3) least
+        and greatest corner. The children of node i are 2 i + 1 and 2 i + 2; nodes of at most ``LEAF`` triangles have none.
+    """
+    number = len(corners)
+    inner = 1
+    while number > inner * LEAF:
+        inner *= 2
+    ranges = np.zeros((2 * inner - 1, 2), np.int64)
+    boxes = np.empty((2 * inner - 1, 2, 3))
+    order = np.arange(number)
+    ranges[0, 1] = number
+    for node in range(2 * inner - 1):
+        start, stop = ranges[node, 0], ranges[node, 1]
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        for place in range(start, stop):
+            for corner in range(3):
+                for axis in range(3):
+                    value = corners[order[place], corner, axis]
+                    low[axis], high[axis] = min(low[axis], value), max(high[axis], value)
+        boxes[node, 0], boxes[node, 1] = low, high
+        if 2 * node + 2 < len(ranges):
+            axis = np.argmax(high - low)
+            members = order[start:stop]
+            keys = np.empty(stop - start)
+            for k in range(stop - start):
+                keys[k] = corners[members[k], 0, axis] + corners[members[k], 1, axis] + corners[members[k], 2, axis]
+            order[start:stop] = members[np.argsort(keys, kind="mergesort")]
+            middle = (start + stop) // 2
+            ranges[2 * node + 1, 0], ranges[2 * node + 1, 1] = start, middle
+            ranges[2 * node + 2, 0], ranges[2 * node + 2, 1] = middle, stop
+    return order, ranges, boxes
 
 
 @njit(cache=True)
-def fill_grid(corners, low, size, shape):
-    """Triangles by grid cell: offsets (cell + 1,) and triangle indices; a triangle is listed in every cell its box meets."""
-    cells = shape[0] * shape[1] * shape[2]
-    offsets = np.zeros(cells + 1, np.int64)
-    ranges = np.empty((len(corners), 6), np.int64)
-    for k in range(len(corners)):
-        for axis in range(3):
-            a, b, c = corners[k, 0, axis], corners[k, 1, axis], corners[k, 2, axis]
-            ranges[k, axis] = _cell(min(a, b, c), low[axis], size, shape[axis])
-            ranges[k, 3 + axis] = _cell(max(a, b, c), low[axis], size, shape[axis])
-        for x in range(ranges[k, 0], ranges[k, 3] + 1):
-            for y in range(ranges[k, 1], ranges[k, 4] + 1):
-                for z in range(ranges[k, 2], ranges[k, 5] + 1):
-                    offsets[(x * shape[1] + y) * shape[2] + z + 1] += 1
-    offsets = np.cumsum(offsets)
-    place = offsets[:-1].copy()
-    members = np.empty(offsets[-1], np.int64)
-    for k in range(len(corners)):
-        for x in range(ranges[k, 0], ranges[k, 3] + 1):
-            for y in range(ranges[k, 1], ranges[k, 4] + 1):
-                for z in range(ranges[k, 2], ranges[k, 5] + 1):
-                    cell = (x * shape[1] + y) * shape[2] + z
-                    members[place[cell]] = k
-                    place[cell] += 1
-    return offsets, members
+def _box_distance2(p, box):
+    total = 0.0
+    for axis in range(3):
+        step = max(box[0, axis] - p[axis], p[axis] - box[1, axis], 0.0)
+        total += step * step
+    return total
 
 
 @njit(cache=True)
-def distances_to_surface(points, corners, low, size, shape, offsets, members):
-    """Exact distance from each point to the nearest triangle; cells are searched in growing cubes around the point."""
+def distances_to_surface(points, corners, order, ranges, boxes):
+    """Exact distance from each point to the nearest triangle of a tree of :func:`build_tree`, nearer child first."""
     result = np.empty(len(points))
-    home = np.empty(3, np.int64)
-    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
-    rings = max(shape[0], shape[1], shape[2])
+    stack = np.empty(128, np.int64)
     for i in range(len(points)):
         p = points[i]
-        for axis in range(3):
-            home[axis] = _cell(p[axis], low[axis], size, shape[axis])
         best = np.inf
-        for ring in range(rings):
-            if ring > 0 and ((ring - 1) * size) ** 2 >= best:  # what is listed only from this ring on is no nearer
-                break
-            for axis in range(3):
-                first[axis], last[axis] = max(home[axis] - ring, 0), min(home[axis] + ring, shape[axis] - 1)
-            for x in range(first[0], last[0] + 1):
-                for y in range(first[1], last[1] + 1):
-                    edge = abs(x - home[0]) == ring or abs(y - home[1]) == ring
-                    step = 1 if edge or ring == 0 else 2 * ring
-                    start = home[2] - ring
-                    for z in range(start, home[2] + ring + 1, step):
-                        if z < 0 or z >= shape[2]:
-                            continue
-                        cell = (x * shape[1] + y) * shape[2] + z
-                        for m in range(offsets[cell], offsets[cell + 1]):
-                            distance2 = closest_on_triangle(p, corners[members[m]])[3]
-                            if distance2 < best:
-                                best = distance2
+        stack[0], waiting = 0, 1
+        while waiting:
+            waiting -= 1
+            node = stack[waiting]
+            if _box_distance2(p, boxes[node]) >= best:
+                continue
+            if 2 * node + 2 >= len(ranges):
+                for place in range(ranges[node, 0], ranges[node, 1]):
+                    best = min(best, closest_on_triangle(p, corners[order[place]])[3])
+                continue
+            first, second = 2 * node + 1, 2 * node + 2
+            if _box_distance2(p, boxes[second]) < _box_distance2(p, boxes[first]):
+                first, second = second, first
+            stack[waiting], stack[waiting + 1] = second, first
+            waiting += 2
         result[i] = math.sqrt(best)
     return result

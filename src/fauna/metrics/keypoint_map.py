@@ -17,8 +17,6 @@ from fauna.random import derive_seed
 
 REFERENCE_POINTS = 400
 """Points of the reference surface that keypoints are mixed from."""
-SUM_WEIGHT = 1e3
-"""Weight of the equation that the mixture's weights sum to one; they are normalised afterwards."""
 
 
 def in_fit_half(names: Sequence[str], *, seed: int) -> Bool[np.ndarray, " image"]:
@@ -36,7 +34,8 @@ def reference_places(prediction: Prediction, *, count: int) -> Places:
     chosen = [int(np.linalg.norm(points, axis=1).argmax())]
     away = np.full(len(points), np.inf)
     for _ in range(min(count, len(points)) - 1):
-        away = np.minimum(away, ((points - points[chosen[-1]]) ** 2).sum(axis=1))
+        x, y, z = (points - points[chosen[-1]]).T
+        away = np.minimum(away, x * x + y * y + z * z)
         chosen.append(int(away.argmax()))
     return places.rows(np.array(chosen))
 
@@ -104,12 +103,16 @@ def map_keypoints(
 
 
 def _mixture(matrix: Float[np.ndarray, "row point"]) -> Float[np.ndarray, " point"]:
-    """Minimise |matrix a| over non-negative a with sum 1."""
+    """Minimise |matrix a| over non-negative a with sum 1.
+
+    Solved as min |matrix a|^2 + (sum a - 1)^2 over non-negative a, then normalised. That is the same: for a = s b with sum b = 1 the best
+    s leaves |matrix b|^2 / (1 + |matrix b|^2), which grows with |matrix b|.
+    """
     rows, points = matrix.shape
     if rows > points:
         matrix = np.linalg.qr(matrix, mode="r")
-    system = np.concatenate([matrix, np.full((1, points), SUM_WEIGHT)])
+    system = np.concatenate([matrix, np.ones((1, points))])
     goal = np.zeros(len(system))
-    goal[-1] = SUM_WEIGHT
+    goal[-1] = 1.0
     weights, _ = nnls(system, goal, maxiter=30 * points)
     return weights / weights.sum()

@@ -88,7 +88,8 @@ def map_metric(cases: Sequence[Case], options: Options) -> Outcome:
     usable = shown & np.array([case.fault is None for case in cases])
     fit = np.zeros(len(cases), bool)
     fit[shown] = in_fit_half([cases[i].sample.name for i in np.flatnonzero(shown)], seed=options.seed)
-    found = _mapped(cases, keypoints, usable, fit & usable)
+    positions = _positions(cases, usable, fit & usable)
+    found = _mapped(cases, keypoints, usable, fit & usable, positions)
     test = usable & ~fit
     reasons: list[str | None] = [
         _map_reason(case, bool(s), bool(f), bool((fit & usable).any()))
@@ -100,11 +101,22 @@ def map_metric(cases: Sequence[Case], options: Options) -> Outcome:
     tallies[PA_KEY] = image_tally([None if isinstance(row, str) else row for row in rows])
     left_out += reasons_to_rows(cases, PA_KEY, [row if isinstance(row, str) else None for row in rows])
     if "fit_on_test" in options.settings:
-        everywhere = _mapped(cases, keypoints, usable, usable)
+        everywhere = _mapped(cases, keypoints, usable, usable, positions)
         tallies[PCK_ON_TEST] = _map_tally(cases, keypoints, everywhere, usable)
         whole = [_map_reason(case, bool(s), False, True) for case, s in zip(cases, shown, strict=True)]
         left_out += _uncounted(cases, PCK_ON_TEST, tallies[PCK_ON_TEST], whole)
     return Outcome(tallies, left_out)
+
+
+def _positions(
+    cases: Sequence[Case], usable: Bool[np.ndarray, " image"], fit: Bool[np.ndarray, " image"]
+) -> Float[np.ndarray, "usable point 3"]:
+    """Posed reference points of every usable photo; the reference is the first mesh that the map is fitted on, or the first at all."""
+    chosen = np.flatnonzero(fit if fit.any() else usable)
+    if not len(chosen):
+        return np.zeros((0, 0, 3))
+    reference = reference_places(cases[chosen[0]].mesh, count=REFERENCE_POINTS)
+    return resample([cases[i].mesh for i in np.flatnonzero(usable)], reference)
 
 
 def _mapped(
@@ -112,13 +124,12 @@ def _mapped(
     keypoints: Float[np.ndarray, "image key 3"],
     usable: Bool[np.ndarray, " image"],
     fit: Bool[np.ndarray, " image"],
+    positions: Float[np.ndarray, "usable point 3"],
 ) -> Float[np.ndarray, "image key 3"]:
     """3D keypoints of every usable photo, NaN elsewhere and for what cannot be fitted."""
     found = np.full(keypoints.shape, np.nan)
     if fit.any():
         meshes = [cases[i].mesh for i in np.flatnonzero(usable)]
-        reference = reference_places(cases[np.flatnonzero(fit)[0]].mesh, count=REFERENCE_POINTS)
-        positions = resample(meshes, reference)
         found[usable] = map_keypoints(meshes, keypoints[usable], fit[usable], positions)
     return found
 

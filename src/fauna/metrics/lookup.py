@@ -69,8 +69,7 @@ class SurfaceIndex:
     def of(cls, prediction: Prediction) -> "SurfaceIndex":
         """Index the surface of a prediction."""
         places, faces = vertex_places(prediction), prediction.faces.astype(np.int64)
-        bones = places.bone[faces]
-        inside = (bones == bones[:, :1]).all(axis=1)
+        inside = _equal(places.bone[faces])
         lonely = np.ones(len(places.bone), bool)
         lonely[faces[inside]] = False
         return cls(np.concatenate([faces, np.flatnonzero(lonely)[:, None].repeat(3, axis=1)]), places)
@@ -88,15 +87,15 @@ class SurfaceIndex:
         weights = np.zeros((len(wanted.bone), 3))
         missing = np.ones(len(wanted.bone), bool)
         stages = (
-            (self._by_bone, wanted.bone * SIDES + wanted.side, wanted.local),
-            (self._by_side, wanted.side, wanted.general),
-            (self._by_side, np.full_like(wanted.side, BOTH), wanted.general),
+            (lambda: self._by_bone, wanted.bone * SIDES + wanted.side, wanted.local),
+            (lambda: self._by_side, wanted.side, wanted.general),
+            (lambda: self._by_side, np.full_like(wanted.side, BOTH), wanted.general),
         )
         for groups, group, points in stages:
             rows = np.flatnonzero(missing)
             if not len(rows):
                 break
-            found, shares = groups.nearest(points[rows], group[rows])
+            found, shares = groups().nearest(points[rows], group[rows])
             rows, found, shares = rows[found >= 0], found[found >= 0], shares[found >= 0]
             corner[rows], weights[rows], missing[rows] = self.faces[found], shares, False
         return corner, weights
@@ -105,7 +104,7 @@ class SurfaceIndex:
     def _sided(self) -> tuple[Int[np.ndarray, " entry"], Int[np.ndarray, " entry"]]:
         """(element, side) of every side an element may be searched on; one that crosses the mirror plane is on all."""
         side = self.places.side[self.faces]
-        has_left, has_right = (side == LEFT).any(axis=1), (side == RIGHT).any(axis=1)
+        has_left, has_right = _any(side == LEFT), _any(side == RIGHT)
         left, right = has_left | ~has_right, has_right | ~has_left
         lists = [np.flatnonzero(left), np.flatnonzero(right), np.arange(len(side))]
         return np.concatenate(lists), np.repeat((LEFT, RIGHT, BOTH), list(map(len, lists)))
@@ -114,7 +113,7 @@ class SurfaceIndex:
     def _by_bone(self) -> "_Groups":
         element, side = self._sided
         bones = self.places.bone[self.faces]
-        pure = (bones == bones[:, :1]).all(axis=1)[element]
+        pure = _equal(bones)[element]
         element, side = element[pure], side[pure]
         return _Groups.of(self.places.local[self.faces], element, bones[element, 0] * SIDES + side)
 
@@ -139,8 +138,9 @@ class _Groups:
         order = np.argsort(group, kind="stable")
         element, group = element[order], group[order]
         corners = np.ascontiguousarray(corners[element])
-        centres = corners.mean(axis=1)
-        radii = np.sqrt(((corners - centres[:, None]) ** 2).sum(axis=2).max(axis=1, initial=0.0)) * (1 + 1e-9) + 1e-12
+        centres = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3
+        away = (corners - centres[:, None]) ** 2
+        radii = np.sqrt(_max(away[..., 0] + away[..., 1] + away[..., 2])) * (1 + 1e-9) + 1e-12
         return cls(element, group, corners, centres, radii)
 
     def nearest(self, points: np.ndarray, group: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -148,3 +148,16 @@ class _Groups:
         starts, stops = (np.searchsorted(self.group, group, side=side) for side in ("left", "right"))
         entry, weights = nearest_in_group(points, starts, stops, self.corners, self.centres, self.radii)
         return np.where(entry >= 0, self.element[entry] if len(self.element) else -1, -1), weights
+
+
+def _any(columns: np.ndarray) -> np.ndarray:
+    """Over three columns; several times faster than a reduction of so short an axis."""
+    return columns[:, 0] | columns[:, 1] | columns[:, 2]
+
+
+def _equal(columns: np.ndarray) -> np.ndarray:
+    return (columns[:, 0] == columns[:, 1]) & (columns[:, 0] == columns[:, 2])
+
+
+def _max(columns: np.ndarray) -> np.ndarray:
+    return np.maximum(np.maximum(columns[:, 0], columns[:, 1]), columns[:, 2])

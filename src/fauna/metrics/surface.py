@@ -5,13 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fauna.kernels.closest_point import distances_to_surface, fill_grid
+from fauna.kernels.closest_point import build_tree, distances_to_surface
 from fauna.kernels.winding import crossings_along_z
 
 F_THRESHOLD = 0.05
 """Distance within which a point counts for the F-score, diagonals of the truth's bounding box."""
-GRID_CELLS = 32
-"""Cells along the longest side of the grid that triangles are looked up in."""
 VOXELS = 64
 """Voxels along the longest side of the common bounding box."""
 
@@ -37,7 +35,8 @@ class Mesh:
 def face_areas(mesh: Mesh) -> Float[np.ndarray, " face"]:
     """Area of each triangle."""
     a, b, c = np.moveaxis(mesh.corners, 1, 0)
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    x, y, z = np.cross(b - a, c - a).T
+    return 0.5 * np.sqrt(x * x + y * y + z * z)
 
 
 def centroid(mesh: Mesh) -> Float[np.ndarray, "3"]:
@@ -66,11 +65,7 @@ def surface_points(mesh: Mesh, *, count: int, rng: np.random.Generator) -> Float
 def distances(points: Float[np.ndarray, "point 3"], mesh: Mesh) -> Float[np.ndarray, " point"]:
     """Exact distance from each point to the nearest point of a surface."""
     corners = mesh.corners
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    size = float(max((high - low).max(), 1e-12)) / GRID_CELLS
-    shape = tuple(int(n) for n in np.floor((high - low) / size).astype(np.int64) + 1)
-    offsets, members = fill_grid(corners, low, size, shape)
-    return distances_to_surface(np.ascontiguousarray(points, np.float64), corners, low, size, shape, offsets, members)
+    return distances_to_surface(np.ascontiguousarray(points, np.float64), corners, *build_tree(corners))
 
 
 def chamfer_and_f_score(
@@ -115,14 +110,14 @@ def voxels(mesh: Mesh, low: Float[np.ndarray, "3"], size: float, shape: tuple[in
     inwards. More than half of the votes decide. The mean of the six signed counts is a coarse estimate of the generalised winding
     number (Jacobson et al., 2013): on closed shells all six agree, a hole misleads only the rays that pass through it.
     """
-    votes = np.zeros(shape, np.int64)
+    votes = np.zeros(shape, np.int8)
     corners = mesh.corners
     for axis in range(3):
         order = [(axis + 1) % 3, (axis + 2) % 3, axis]  # a cyclic permutation keeps the orientation
         found = crossings_along_z(
             np.ascontiguousarray(corners[..., order]), low[order], size, tuple(shape[i] for i in order)
         )
-        entered = np.cumsum(found, axis=2)
+        entered = np.cumsum(found, axis=2, dtype=np.int32)
         below, above = entered[..., :-1], entered[..., :-1] - entered[..., -1:]
-        votes += ((below > 0).astype(np.int64) + (above > 0)).transpose(np.argsort(order))
+        votes += ((below > 0).astype(np.int8) + (above > 0)).transpose(np.argsort(order))
     return votes > 3

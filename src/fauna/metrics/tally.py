@@ -123,10 +123,8 @@ def _column_mean(
 
 
 def _mean_ignoring_nan(rows: Sequence[Float[np.ndarray, " replicate"]]) -> Float[np.ndarray, " replicate"]:
-    if not rows:  # no species has a value
+    if not rows:
         return np.zeros(0)
-    table = np.array(rows)
-    finite = np.isfinite(table)
-    return np.where(
-        finite.any(axis=0), np.where(finite, table, 0).sum(axis=0) / np.maximum(finite.sum(axis=0), 1), np.nan
-    )
+    finite = np.isfinite(rows)
+    totals = np.where(finite, rows, 0.0).sum(axis=0)
+    return np.where(finite.any(axis=0), totals / np.maximum(finite.sum(axis=0), 1), np.nan)

@@ -142,7 +142,8 @@ def _compare(aligned: Aligned, seed: int, suffix: str) -> dict[str, float]:
 
 def _part(mesh: Mesh, chosen: np.ndarray) -> Mesh | None:
     """The triangles whose corners are all chosen; ``None`` if they have no area."""
-    part = Mesh(mesh.verts, mesh.faces[chosen[mesh.faces].all(axis=1)])
+    a, b, c = chosen[mesh.faces].T
+    part = Mesh(mesh.verts, mesh.faces[a & b & c])
     return part if len(part.faces) and face_areas(part).sum() > 0 else None
 
 

@@ -52,6 +52,7 @@ def keypoint_vertices(prediction: Prediction, keypoints: Float[np.ndarray, "key 
         return found
     ndc = to_ndc(prediction.clip_from_world, prediction.verts[candidates])
     wanted = np.flatnonzero(keypoints[:, 2] > 0)
-    away = ((keypoints[wanted, None, :2] - ndc) ** 2).sum(axis=2)
+    x, y = (keypoints[wanted, None, axis] - ndc[:, axis] for axis in (0, 1))
+    away = x * x + y * y
     found[wanted] = candidates[away.argmin(axis=1)] if len(wanted) else -1
     return found
