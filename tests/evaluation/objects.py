@@ -103,7 +103,7 @@ def write_predictions(folder: Path, *, grow: int = 0, keypoints: bool = True, he
         "split": "test",
         "groups": groups,
         "settings": {"baselines": ["mean_shape"], "probes": []},
-        "left_out": [{"name": "long/9", "metric": "all", "reason": "a broken file"}],
+        "left_out": [{"of": "model", "name": "long/9", "metric": "all", "reason": "a broken file"}],
         "timing": {"model": 1.0},
     }
     (folder / FACTS).write_text(json.dumps(facts))

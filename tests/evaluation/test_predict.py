@@ -188,6 +188,22 @@ def test_a_broken_photograph_is_left_out_by_name(run, tmp_path):
     assert report["metrics"]["iou"]["n"] == 9
 
 
+def test_a_photograph_the_model_fails_on_is_left_out_by_name(run, tmp_path, monkeypatch):
+    original = gather.predict
+
+    def fails(model, photo, **keys):
+        if "long" in photo.names[0]:
+            raise FaunaError("expected a surface, got none; train longer")
+        return original(model, photo, **keys)
+
+    monkeypatch.setattr(gather, "predict", fails)
+    report = evaluate(configured(f"checkpoint='{run}'", *FAST), tmp_path)
+    rows = {tuple(row["names"]): row["reason"] for row in report["left_out"] if row["metrics"] == ["all"]}
+    assert list(rows.values()) == ["expected a surface, got none; train longer"]
+    assert report["metrics"]["iou"]["n"] == 1
+    assert report["baselines"]["mean_shape"]["metrics"]["iou"]["n"] == 1
+
+
 def test_probes_are_marked(run, tmp_path):
     overrides = ["probes=[camera]", "probe_steps=3", "probe_photos=1", "baselines=[]"]
     report = evaluate(configured(f"checkpoint='{run}'", *FAST, *overrides), tmp_path)

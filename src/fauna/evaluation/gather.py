@@ -16,7 +16,7 @@ from fauna.data.datamodule import PhotoDataModule
 from fauna.data.photos import Photo
 from fauna.errors import FaunaError
 from fauna.evaluation.baselines import get_baseline
-from fauna.evaluation.baselines.base import Bench, MeshBaseline
+from fauna.evaluation.baselines.base import Bench, MeshBaseline, Reconstruct
 from fauna.evaluation.predict import predict
 from fauna.evaluation.prediction import Prediction
 from fauna.evaluation.probes import ProbeOptions, check_probes, probe
@@ -33,6 +33,7 @@ from fauna.model import FaunaModel
 
 SAMPLES, MODEL, FACTS = "samples", "model", "facts.json"
 LeftOut = list[dict[str, str]]
+"""Rows ``of`` (the model, a baseline or a probe), ``name`` of the photograph, ``metric``, ``reason``."""
 
 
 class Gatherer:
@@ -78,7 +79,7 @@ class Gatherer:
                 try:
                     sample, picture = read_sample(photo, size=self.size, keypoint_names=self.keypoint_names)
                 except FaunaError as error:
-                    self._leave_out(photo, "all", error)
+                    self._leave_out(photo, MODEL, error)
                     continue
                 store.add(pack_sample(sample, thumbnail=picture))
             store.flush()
@@ -103,11 +104,16 @@ class Gatherer:
             store.flush()
         items = list(store.items())
         found = {item.name: unpack_prediction(item) for item in items}
+        if not found:
+            raise FaunaError(
+                f"expected at least one reconstruction of {len(photos)} photographs, got none; first problem: "
+                f"{self.left_out[-1]['reason']}"
+            )
         return Bench(
             model=self.model,
             fresh_model=self.fresh_model,
             data=self.data,
-            photos=[photo for photo in photos if photo.name in found],
+            photos=photos,
             samples=samples,
             predictions=found,
             codes={item.name: item.arrays["code"] for item in items},
@@ -117,11 +123,12 @@ class Gatherer:
 
     def baselines(self, bench: Bench, names: Sequence[str], *, seed: int, pairs: int) -> None:
         """Predictions or keypoint transfers of each baseline."""
+        predicted = [photo for photo in bench.photos if photo.name in bench.predictions]
         for name in names:
             baseline = get_baseline(name)
             with self._timed(name):
                 if isinstance(baseline, MeshBaseline):
-                    self._from_meshes(name, bench.photos, lambda todo, b=baseline: b.predict(bench, todo))
+                    self._reconstructed(name, predicted, lambda b=baseline: b.prepare(bench))
                 else:
                     groups = self._groups(bench)
                     record_transfers(
@@ -130,11 +137,11 @@ class Gatherer:
 
     def probes(self, bench: Bench, names: Sequence[str], options: ProbeOptions, number: int) -> None:
         """Fit the first ``number`` photographs of the main group."""
-        wanted = {photo.name for photo in self.subjects.groups.get(SEEN, ())}
+        wanted = {photo.name for photo in self.subjects.groups.get(SEEN, ())} & set(bench.predictions)
         photos = [photo for photo in bench.photos if photo.name in wanted][:number]
         for name in check_probes(names):
             with self._timed(f"probe_{name}"):
-                self._from_meshes(f"probe_{name}", photos, lambda todo, n=name: probe(bench, todo, n, options))
+                self._reconstructed(f"probe_{name}", photos, lambda free=name: probe(bench, free, options))
 
     def finish(self, bench: Bench, settings: Mapping[str, Any]) -> None:
         """Write ``facts.json``; the folder is complete with it."""
@@ -159,13 +166,15 @@ class Gatherer:
         item = pack_prediction(prediction, terms=image_terms(self.model, objective, batch, out))
         return replace(item, arrays={**item.arrays, "code": out.code.cpu().float().numpy()})
 
-    def _from_meshes(
-        self, name: str, photos: Sequence[Photo], predict_all: Callable[[Sequence[Photo]], Iterator[Prediction]]
-    ) -> None:
+    def _reconstructed(self, name: str, photos: Sequence[Photo], prepare: Callable[[], Reconstruct]) -> None:
         store = self._store(name)
-        todo = [photo for photo in photos if photo.name not in set(store.names)]
-        for prediction in track(predict_all(todo), description=name, total=len(todo), disable=not todo):
-            store.add(pack_prediction(prediction))
+        if not {photo.name for photo in photos} <= set(store.names):
+            reconstruct = prepare()
+            for photo in self._missing(store, photos, name):
+                try:
+                    store.add(pack_prediction(reconstruct(photo)))
+                except FaunaError as error:
+                    self._leave_out(photo, name, error)
         store.flush()
 
     def _store(self, name: str) -> ArrayStore:
@@ -180,8 +189,8 @@ class Gatherer:
         todo = [photo for photo in photos if photo.name not in known]
         return track(todo, description=described, disable=not todo)
 
-    def _leave_out(self, photo: Photo, metric: str, error: FaunaError) -> None:
-        self.left_out.append({"name": photo.name, "metric": metric, "reason": str(error)})
+    def _leave_out(self, photo: Photo, of: str, error: FaunaError) -> None:
+        self.left_out.append({"of": of, "name": photo.name, "metric": "all", "reason": str(error)})
 
     @contextlib.contextmanager
     def _timed(self, name: str) -> Iterator[None]:

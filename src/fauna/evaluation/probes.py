@@ -5,7 +5,7 @@ scored against, so it is *not* a feed-forward result and never a headline.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, cast, get_args
 
@@ -15,7 +15,7 @@ from torch import Tensor
 
 from fauna.data.photos import Photo
 from fauna.errors import FaunaError
-from fauna.evaluation.baselines.base import Bench
+from fauna.evaluation.baselines.base import Bench, Reconstruct
 from fauna.evaluation.predict import prediction_of
 from fauna.evaluation.prediction import Prediction
 from fauna.geometry.camera import make_camera
@@ -55,21 +55,21 @@ def check_probes(names: Sequence[str]) -> list[Freedom]:
     return [cast(Freedom, name) for name in names]
 
 
-def probe(bench: Bench, photos: Sequence[Photo], free: Freedom, options: ProbeOptions) -> Iterator[Prediction]:
-    """Fit each photograph on its own.
+def probe(bench: Bench, free: Freedom, options: ProbeOptions) -> Reconstruct:
+    """A function that fits a photograph.
 
     Args:
         bench: the model and its data.
-        photos: to be fitted.
         free: what may change.
         options: of the optimiser.
     """
-    for photo in photos:
-        batch = bench.data.single(photo).to(bench.model.device)
-        out = fit(bench.model, batch, free, options)
-        yield prediction_of(
-            bench.model.rig, bench.model.renderer, out, name=photo.name, category=photo.category, size=bench.size
-        )
+    model = bench.model
+
+    def reconstruct(photo: Photo) -> Prediction:
+        out = fit(model, bench.data.single(photo).to(model.device), free, options)
+        return prediction_of(model.rig, model.renderer, out, name=photo.name, category=photo.category, size=bench.size)
+
+    return reconstruct
 
 
 def fit(model: FaunaModel, photo: Batch, free: Freedom, options: ProbeOptions) -> Reconstruction:

@@ -51,7 +51,7 @@ class Scorer:
         self.options = options
         self.facts = read_facts(folder)
         self.samples, self.pictures = read_samples(folder, self.facts["keypoint_names"])
-        self.left_out: list[dict[str, str]] = [{"of": "model", **row} for row in self.facts["left_out"]]
+        self.left_out: list[dict[str, str]] = list(self.facts["left_out"])
         self.seconds: dict[str, float] = {}
 
     def tables(self) -> dict[str, Any]:

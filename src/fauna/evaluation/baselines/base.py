@@ -1,7 +1,7 @@
 """What a baseline offers: predictions like those of a model, or keypoint positions without any geometry."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,9 @@ from fauna.model import FaunaModel
 Transfer = Callable[[Sample, Sample], Float[np.ndarray, "key 2"]]
 """(source, target) -> predicted NDC of the source's keypoints on the target; NaN where a keypoint cannot be transferred."""
 
+Reconstruct = Callable[[Photo], Prediction]
+"""One photograph -> its prediction."""
+
 
 @dataclass(frozen=True)
 class Bench:
@@ -25,10 +28,10 @@ class Bench:
         model: under evaluation, in evaluation mode.
         fresh_model: builds a model of the same architecture with new random weights.
         data: makes batches of one photo.
-        photos: that were predicted, in order.
+        photos: that have a sample, in order.
         samples: of these photos, by name.
-        predictions: of the model, by name.
-        codes: the shape code the model read from its bank, by name of the photo.
+        predictions: of the model, by name; a photo that it failed on has none.
+        codes: the shape code the model read from its bank, by name of the photo; likewise.
         size: side of silhouettes, pixels.
         species: the model was trained on.
     """
@@ -54,8 +57,8 @@ class MeshBaseline(ABC):
     description: str
 
     @abstractmethod
-    def predict(self, bench: Bench, photos: Sequence[Photo]) -> Iterator[Prediction]:
-        """One prediction for each of ``photos``, in their order."""
+    def prepare(self, bench: Bench) -> Reconstruct:
+        """A function that reconstructs any photograph that the model has a prediction of."""
 
 
 class TransferBaseline(ABC):

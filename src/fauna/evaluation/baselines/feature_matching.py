@@ -8,8 +8,12 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional as F
 
+from fauna.data.photos import Photo
 from fauna.evaluation.baselines.base import Bench, Transfer, TransferBaseline
 from fauna.metrics.sample import Sample
+
+ENLARGED = 2
+"""Measured on 123 horses with the offline encoder: raw .366, enlarged .392, standardised .380, both .404, four times .405."""
 
 
 @dataclass(frozen=True)
@@ -31,14 +35,14 @@ class FeatureMatching(TransferBaseline):
     """Each source keypoint goes to the most similar cell (cosine) inside the target's mask."""
 
     description = (
-        "Each keypoint goes to the cell of the target's mask whose feature is most similar (cosine); features of the frozen "
-        "encoder the checkpoint uses, taken at the keypoint. No 3D."
+        "Each keypoint goes to the place in the target's mask whose feature is most similar (cosine); features of the frozen "
+        "encoder the checkpoint uses, standardised with the checkpoint's statistics, the map enlarged twice. No 3D."
     )
 
     def prepare(self, bench: Bench) -> Transfer:
         """Features are described once per photograph, from the feature cache where there is one."""
         described = {
-            photo.name: describe(bench.model.encode(bench.data.single(photo)).tokens[0], bench.samples[photo.name])
+            photo.name: describe(_enlarged(bench, photo), bench.samples[photo.name])
             for photo in bench.photos
             if bench.samples[photo.name].keypoints is not None
         }
@@ -50,12 +54,18 @@ class FeatureMatching(TransferBaseline):
         return transfer
 
 
+def _enlarged(bench: Bench, photo: Photo) -> Float[Tensor, "chan grid grid"]:
+    """Feature map of a photograph; matching between cells is finer than the encoder's grid."""
+    features = bench.model.feature_space.normalize(bench.model.encode(bench.data.single(photo).to(bench.model.device)))
+    return F.interpolate(features.tokens, scale_factor=ENLARGED, mode="bilinear")[0]
+
+
 @torch.no_grad()
 def describe(tokens: Float[Tensor, "chan grid grid"], sample: Sample) -> Described:
     """Features at the keypoints (bilinear) and of the cells at least half inside the mask.
 
     Args:
-        tokens: raw feature map of the photograph.
+        tokens: feature map of the photograph.
         sample: with keypoints; where no cell is half inside the mask, those that are most inside count; without a mask all.
     """
     assert sample.keypoints is not None

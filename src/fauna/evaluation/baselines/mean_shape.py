@@ -1,12 +1,10 @@
 """One rigid animal for all: what is left of the prediction when only the viewpoint depends on the photograph."""
 
-from collections.abc import Iterator, Sequence
-
 import numpy as np
 import torch
 
 from fauna.data.photos import Photo
-from fauna.evaluation.baselines.base import Bench, MeshBaseline
+from fauna.evaluation.baselines.base import Bench, MeshBaseline, Reconstruct
 from fauna.evaluation.predict import assemble, bone_coordinates
 from fauna.evaluation.prediction import Prediction
 from fauna.types import Camera, InstanceShape, PosedMesh
@@ -21,24 +19,24 @@ class MeanShape(MeshBaseline):
     )
 
     @torch.no_grad()
-    def predict(self, bench: Bench, photos: Sequence[Photo]) -> Iterator[Prediction]:
+    def prepare(self, bench: Bench) -> Reconstruct:
         """The shape is made once."""
         model = bench.model
-        known = [bench.codes[photo.name] for photo in bench.photos if photo.category in bench.species]
+        known = [code for name, code in bench.codes.items() if bench.samples[name].category in bench.species]
         codes = np.stack(known or list(bench.codes.values()))
         base = model.shape(torch.from_numpy(codes.mean(axis=0)).to(model.device), None)
         rest = InstanceShape(base.verts[None])
         bones = model.rig.rest(rest, legs_attached=model.stage.legs_attached) if model.stage.articulation else None
         place = bone_coordinates(model.rig, rest.verts, base.verts, bones)
         posed = PosedMesh(rest.verts, base.faces, base.verts)
-        for photo in photos:
+
+        def reconstruct(photo: Photo) -> Prediction:
             theirs = bench.predictions[photo.name]
             matrices = (theirs.camera_from_world, theirs.clip_from_world)
-            camera = Camera(*(torch.from_numpy(matrix)[None].to(model.device) for matrix in matrices))
-            yield assemble(
+            return assemble(
                 model.renderer,
                 posed,
-                camera,
+                Camera(*(torch.from_numpy(matrix)[None].to(model.device) for matrix in matrices)),
                 place,
                 name=photo.name,
                 category=photo.category,
@@ -47,6 +45,8 @@ class MeanShape(MeshBaseline):
                 forwards=theirs.forwards,
                 angles=np.zeros_like(theirs.angles),
             )
+
+        return reconstruct
 
 
 BASELINE = MeanShape()

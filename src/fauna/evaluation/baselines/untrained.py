@@ -1,11 +1,9 @@
 """The same architecture before training: what the ellipsoid, the skeleton rule and the framing are worth."""
 
-from collections.abc import Iterator, Sequence
-
 import torch
 
 from fauna.data.photos import Photo
-from fauna.evaluation.baselines.base import Bench, MeshBaseline
+from fauna.evaluation.baselines.base import Bench, MeshBaseline, Reconstruct
 from fauna.evaluation.predict import predict
 from fauna.evaluation.prediction import Prediction
 
@@ -17,18 +15,20 @@ class Untrained(MeshBaseline):
 
     description = "The same architecture, random initialisation (seed 0), in the stage the checkpoint was trained to."
 
-    @torch.no_grad()
-    def predict(self, bench: Bench, photos: Sequence[Photo]) -> Iterator[Prediction]:
-        """One by one, like the model."""
+    def prepare(self, bench: Bench) -> Reconstruct:
+        """The model is built once."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(SEED)
             model = bench.fresh_model()
         model.feature_space.load_state_dict(bench.model.feature_space.state_dict())
         model.set_stage(bench.model.stage)
         model.to(bench.model.device).eval()
-        for photo in photos:
+
+        def reconstruct(photo: Photo) -> Prediction:
             batch = bench.data.single(photo).to(model.device)
-            yield predict(model, batch, category=photo.category, size=bench.size)[0]
+            return predict(model, batch, category=photo.category, size=bench.size)[0]
+
+        return reconstruct
 
 
 BASELINE = Untrained()
