@@ -128,7 +128,7 @@ def measure(resolution: int, cells: int, runs: int) -> dict[str, float | int]:
     """One row of the table."""
     verts, faces = animal_surface(cells)
     clip = project(verts)
-    renderers = {"torch_ms": TorchRenderer(soft_edges=False), "numba_ms": NumbaRenderer(soft_edges=False)}
+    renderers = {"torch_ms": TorchRenderer(), "numba_ms": NumbaRenderer()}
     times: dict[str, list[float]] = {name: [] for name in renderers}
     for run in range(runs + 1):
         for name, renderer in renderers.items():

@@ -4,8 +4,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from fauna.renderer.base import Renderer, check_attributes, check_mesh
-from fauna.renderer.edges import blend, blend_weights, find_crossings
+from fauna.renderer.base import Renderer
+from fauna.renderer.checks import check_attributes, check_mesh, check_topology
+from fauna.renderer.edges import blend, distances, find_crossings
 from fauna.renderer.projection import to_screen
 from fauna.types import Fragments, Topology
 
@@ -65,10 +66,9 @@ class TorchRenderer(Renderer):
         topology: Topology,
     ) -> Float[Tensor, "row chan height width"]:
         """See :meth:`Renderer.antialias`."""
-        crossings = find_crossings(clip_verts, faces, topology, fragments.covered, fragments.depth, self.soft_edges)
-        height, width = image.shape[-2:]
-        weights = blend_weights(crossings, clip_verts, topology, height, width, self.soft_edges)
-        return blend(image, crossings, weights)
+        check_topology(topology, clip_verts, faces)
+        crossings = find_crossings(clip_verts, faces, topology, fragments.covered, fragments.depth)
+        return blend(image, crossings, distances(crossings, clip_verts, topology, *image.shape[-2:]))
 
     def silhouette(
         self,
@@ -80,10 +80,11 @@ class TorchRenderer(Renderer):
     ) -> Float[Tensor, "row height width"]:
         """See :meth:`Renderer.silhouette`."""
         check_mesh(clip_verts, faces, height, width)
+        check_topology(topology, clip_verts, faces)
         covered = nearest_faces(clip_verts, faces, height, width)[0] >= 0
-        crossings = find_crossings(clip_verts, faces, topology, covered, None, self.soft_edges)
-        weights = blend_weights(crossings, clip_verts, topology, height, width, self.soft_edges)
-        return blend(covered[:, None].to(clip_verts.dtype), crossings, weights).squeeze(1).clamp(0, 1)
+        crossings = find_crossings(clip_verts, faces, topology, covered, None)
+        distance = distances(crossings, clip_verts, topology, height, width)
+        return blend(covered[:, None].to(clip_verts.dtype), crossings, distance).squeeze(1).clamp(0, 1)
 
 
 @torch.no_grad()
