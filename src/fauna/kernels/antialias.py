@@ -33,19 +33,25 @@ def _shares(place):
     return weight * loss, weight * gain, weight * loss_rate, -weight * gain_rate
 
 
+@njit(cache=True, error_model="numpy")
+def _blend_image(image, height, width, cell, place, out):
+    out[:] = image
+    for k in range(cell.shape[0]):
+        _, inner, outer = _pair(cell[k], place[k, 0], height, width)
+        loss, gain, _, _ = _shares(place[k])
+        for channel in range(image.shape[0]):
+            step = image[channel, outer] - image[channel, inner]
+            out[channel, inner] += loss * step
+            out[channel, outer] -= gain * step
+
+
 @njit(cache=True, parallel=True, error_model="numpy")
 def blend(image, height, width, starts, cell, place):
     """Blended copy of ``image`` (row, chan, pixel)."""
     out = np.empty(image.shape, image.dtype)
     for row in prange(image.shape[0]):
-        out[row] = image[row]
-        for k in range(starts[row], starts[row + 1]):
-            _, inner, outer = _pair(cell[k], place[k, 0], height, width)
-            loss, gain, _, _ = _shares(place[k])
-            for channel in range(image.shape[1]):
-                step = image[row, channel, outer] - image[row, channel, inner]
-                out[row, channel, inner] += loss * step
-                out[row, channel, outer] -= gain * step
+        own = slice(starts[row], starts[row + 1])
+        _blend_image(image[row], height, width, cell[own], place[own], out[row])
     return out
 
 
@@ -69,46 +75,73 @@ def _to_ends(clip, edges, edge, axis, cell, place, height, width, grad_distance,
         grad_clip[vert, 3] -= (g_across * clip[vert, across] + g_along * clip[vert, along]) / w
 
 
+@njit(cache=True, error_model="numpy")
+def _blend_image_backward(image, clip, edges, height, width, cell, edge, place, grad, grad_image, grad_clip):
+    grad_image[:] = grad
+    grad_clip[:] = 0.0
+    for k in range(cell.shape[0]):
+        axis, inner, outer = _pair(cell[k], place[k, 0], height, width)
+        loss, gain, loss_rate, gain_rate = _shares(place[k])
+        total = 0.0
+        for channel in range(image.shape[0]):
+            g_inner, g_outer = grad[channel, inner], grad[channel, outer]
+            total += (loss_rate * g_inner - gain_rate * g_outer) * (image[channel, outer] - image[channel, inner])
+            moved = loss * g_inner - gain * g_outer
+            grad_image[channel, inner] -= moved
+            grad_image[channel, outer] += moved
+        _to_ends(clip, edges, edge[k], axis, cell[k], place[k], height, width, total, grad_clip)
+
+
 @njit(cache=True, parallel=True, error_model="numpy")
 def blend_backward(image, clip, edges, height, width, starts, cell, edge, place, grad):
     """Gradients of the image (row, chan, pixel) and of the clip positions (row, vert, 4); the slope carries none."""
     grad_image, grad_clip = np.empty(image.shape, image.dtype), np.empty(clip.shape, clip.dtype)
     for row in prange(image.shape[0]):
-        grad_image[row] = grad[row]
-        grad_clip[row] = 0.0
-        for k in range(starts[row], starts[row + 1]):
-            axis, inner, outer = _pair(cell[k], place[k, 0], height, width)
-            loss, gain, loss_rate, gain_rate = _shares(place[k])
-            total = 0.0
-            for channel in range(image.shape[1]):
-                g_inner, g_outer = grad[row, channel, inner], grad[row, channel, outer]
-                step = image[row, channel, outer] - image[row, channel, inner]
-                total += (loss_rate * g_inner - gain_rate * g_outer) * step
-                moved = loss * g_inner - gain * g_outer
-                grad_image[row, channel, inner] -= moved
-                grad_image[row, channel, outer] += moved
-            _to_ends(clip[row], edges, edge[k], axis, cell[k], place[k], height, width, total, grad_clip[row])
+        own = slice(starts[row], starts[row + 1])
+        _blend_image_backward(
+            image[row], clip[row], edges, height, width, cell[own], edge[own], place[own],
+            grad[row], grad_image[row], grad_clip[row],
+        )  # fmt: skip
     return grad_image, grad_clip
 
 
+@njit(cache=True, error_model="numpy")
+def _cover_image(covered, height, width, cell, place, raw, out):
+    for pixel in range(height * width):
+        raw[pixel] = 1.0 if covered[pixel] >= 0 else 0.0
+    for k in range(cell.shape[0]):
+        _, inner, outer = _pair(cell[k], place[k, 0], height, width)
+        loss, gain, _, _ = _shares(place[k])
+        raw[inner] -= loss
+        raw[outer] += gain
+    for pixel in range(height * width):
+        out[pixel] = min(max(raw[pixel], 0.0), 1.0)
+
+
 @njit(cache=True, parallel=True, error_model="numpy")
-def coverage(covered, dtype_of, starts, cell, place):
-    """Antialiased coverage (row, height, width) not yet clamped, and the same clamped to [0, 1]."""
+def coverage(covered, like, starts, cell, place):
+    """Antialiased coverage (row, pixel) not yet clamped, and the same clamped to [0, 1]; of the type of ``like``."""
     rows, height, width = covered.shape
-    raw = np.empty((rows, height * width), dtype_of.dtype)
-    out = np.empty((rows, height * width), dtype_of.dtype)
+    flat = covered.reshape(rows, height * width)
+    raw, out = np.empty(flat.shape, like.dtype), np.empty(flat.shape, like.dtype)
     for row in prange(rows):
-        flat = covered[row].reshape(-1)
-        for pixel in range(height * width):
-            raw[row, pixel] = 1.0 if flat[pixel] >= 0 else 0.0
-        for k in range(starts[row], starts[row + 1]):
-            _, inner, outer = _pair(cell[k], place[k, 0], height, width)
-            loss, gain, _, _ = _shares(place[k])
-            raw[row, inner] -= loss
-            raw[row, outer] += gain
-        for pixel in range(height * width):
-            out[row, pixel] = min(max(raw[row, pixel], 0.0), 1.0)
+        own = slice(starts[row], starts[row + 1])
+        _cover_image(flat[row], height, width, cell[own], place[own], raw[row], out[row])
     return raw, out
+
+
+@njit(cache=True, error_model="numpy")
+def _cover_image_backward(raw, clip, edges, height, width, cell, edge, place, grad, grad_clip):
+    grad_clip[:] = 0.0
+    for k in range(cell.shape[0]):
+        axis, inner, outer = _pair(cell[k], place[k, 0], height, width)
+        _, _, loss_rate, gain_rate = _shares(place[k])
+        total = 0.0
+        if 0.0 <= raw[inner] <= 1.0:
+            total -= loss_rate * grad[inner]
+        if 0.0 <= raw[outer] <= 1.0:
+            total += gain_rate * grad[outer]
+        _to_ends(clip, edges, edge[k], axis, cell[k], place[k], height, width, total, grad_clip)
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
@@ -116,14 +149,8 @@ def coverage_backward(raw, clip, edges, height, width, starts, cell, edge, place
     """Gradient of the clip positions (row, vert, 4) from that of the clamped coverage (row, pixel)."""
     grad_clip = np.empty(clip.shape, clip.dtype)
     for row in prange(raw.shape[0]):
-        grad_clip[row] = 0.0
-        for k in range(starts[row], starts[row + 1]):
-            axis, inner, outer = _pair(cell[k], place[k, 0], height, width)
-            _, _, loss_rate, gain_rate = _shares(place[k])
-            total = 0.0
-            if raw[row, inner] >= 0.0 and raw[row, inner] <= 1.0:
-                total -= loss_rate * grad[row, inner]
-            if raw[row, outer] >= 0.0 and raw[row, outer] <= 1.0:
-                total += gain_rate * grad[row, outer]
-            _to_ends(clip[row], edges, edge[k], axis, cell[k], place[k], height, width, total, grad_clip[row])
+        own = slice(starts[row], starts[row + 1])
+        _cover_image_backward(
+            raw[row], clip[row], edges, height, width, cell[own], edge[own], place[own], grad[row], grad_clip[row]
+        )
     return grad_clip

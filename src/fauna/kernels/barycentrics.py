@@ -43,6 +43,7 @@ def fill_rows(clip, faces, ids, start, stop, out):
 @njit(cache=True, error_model="numpy")
 def _backward_image(clip, faces, ids, grad, grad_clip):
     height, width = ids.shape
+    grad_clip[:] = 0.0
     for i in range(height):
         fy = (2 * i + 1) / height - 1.0
         for j in range(width):
@@ -82,6 +83,5 @@ def backward(clip, faces, ids, grad):
     """Gradient (row, vert, 4) of the clip positions from that of the barycentrics (row, height, width, 3)."""
     grad_clip = np.empty(clip.shape, clip.dtype)
     for row in prange(ids.shape[0]):
-        grad_clip[row] = 0.0
         _backward_image(clip[row], faces, ids[row], grad[row], grad_clip[row])
     return grad_clip

@@ -59,6 +59,16 @@ def _pixel_backward(attributes, faces, face, bary, grad, grad_attributes, grad_b
     grad_bary[2] += s2
 
 
+@njit(cache=True, error_model="numpy")
+def _image_backward(attributes, faces, ids, bary, grad, grad_attributes, grad_bary):
+    grad_attributes[:] = 0.0
+    grad_bary[:] = 0.0
+    for pixel in range(ids.shape[0]):
+        if ids[pixel] >= 0:
+            weights, change = bary[pixel], grad_bary[pixel]
+            _pixel_backward(attributes, faces, ids[pixel], weights, grad[:, pixel], grad_attributes, change)
+
+
 @njit(cache=True, parallel=True, error_model="numpy")
 def interpolate_backward(attributes, faces, ids, bary, grad):
     """Gradients (row, vert, chan) of the attributes, one per image even when shared, and of the barycentrics.
@@ -70,21 +80,20 @@ def interpolate_backward(attributes, faces, ids, bary, grad):
     grad_bary = np.empty(bary.shape, bary.dtype)
     for row in prange(rows):
         source = attributes[min(np.int64(row), attributes.shape[0] - 1)]
-        grad_attributes[row] = 0.0
-        grad_bary[row] = 0.0
-        for pixel in range(size):
-            face = ids[row, pixel]
-            if face >= 0:
-                _pixel_backward(
-                    source,
-                    faces,
-                    face,
-                    bary[row, pixel],
-                    grad[row, :, pixel],
-                    grad_attributes[row],
-                    grad_bary[row, pixel],
-                )
+        _image_backward(source, faces, ids[row], bary[row], grad[row], grad_attributes[row], grad_bary[row])
     return grad_attributes, grad_bary
+
+
+@njit(cache=True, error_model="numpy")
+def _at(attributes, faces, face, bary, out):
+    if face < 0:
+        out[:] = 0.0
+        return
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    for channel in range(out.shape[0]):
+        out[channel] = (
+            bary[0] * attributes[a, channel] + bary[1] * attributes[b, channel] + bary[2] * attributes[c, channel]
+        )
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
@@ -95,19 +104,8 @@ def interpolate_at(attributes, faces, ids, bary, pixels):
     out = np.empty((pixels.shape[0], attributes.shape[2]), attributes.dtype)
     for k in prange(pixels.shape[0]):
         pixel = np.int64(pixels[k])
-        face = flat_ids[pixel]
-        if face < 0:
-            out[k] = 0.0
-            continue
-        source = min(pixel // size, attributes.shape[0] - 1)
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-        b0, b1, b2 = flat_bary[pixel, 0], flat_bary[pixel, 1], flat_bary[pixel, 2]
-        for channel in range(attributes.shape[2]):
-            out[k, channel] = (
-                b0 * attributes[source, a, channel]
-                + b1 * attributes[source, b, channel]
-                + b2 * attributes[source, c, channel]
-            )
+        source = attributes[min(pixel // size, attributes.shape[0] - 1)]
+        _at(source, faces, flat_ids[pixel], flat_bary[pixel], out[k])
     return out
 
 
@@ -127,6 +125,17 @@ def _sort_by_row(pixels, rows, size):
     return order, starts
 
 
+@njit(cache=True, error_model="numpy")
+def _list_backward(attributes, faces, ids, bary, pixels, first, own, grad, grad_attributes, grad_bary):
+    grad_attributes[:] = 0.0
+    grad_bary[:] = 0.0
+    for k in own:
+        pixel = pixels[k] - first
+        if ids[pixel] >= 0:
+            weights, change = bary[pixel], grad_bary[pixel]
+            _pixel_backward(attributes, faces, ids[pixel], weights, grad[k], grad_attributes, change)
+
+
 @njit(cache=True, parallel=True, error_model="numpy")
 def interpolate_at_backward(attributes, faces, ids, bary, pixels, grad):
     """As ``interpolate_backward`` for ``interpolate_at``; ``grad`` (entry, chan). A pixel may be listed repeatedly."""
@@ -136,13 +145,8 @@ def interpolate_at_backward(attributes, faces, ids, bary, pixels, grad):
     grad_bary = np.empty(bary.shape, bary.dtype)
     for row in prange(rows):
         source = attributes[min(np.int64(row), attributes.shape[0] - 1)]
-        grad_attributes[row] = 0.0
-        grad_bary[row] = 0.0
-        for k in range(starts[row], starts[row + 1]):
-            pixel = pixels[order[k]] - np.int64(row) * size
-            face = ids[row, pixel]
-            if face >= 0:
-                _pixel_backward(
-                    source, faces, face, bary[row, pixel], grad[order[k]], grad_attributes[row], grad_bary[row, pixel]
-                )
+        own, first = order[starts[row] : starts[row + 1]], np.int64(row) * size
+        _list_backward(
+            source, faces, ids[row], bary[row], pixels, first, own, grad, grad_attributes[row], grad_bary[row]
+        )
     return grad_attributes, grad_bary

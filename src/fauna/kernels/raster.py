@@ -29,18 +29,24 @@ def screen_position(clip, vert, height, width):
     return x, y, z
 
 
+@njit(cache=True, error_model="numpy")
+def _project_part(clip, height, width, start, stop, screen):
+    for vert in range(start, stop):
+        x, y, z = screen_position(clip, vert, height, width)
+        screen[vert, 0] = np.rint(x * SNAP) / SNAP
+        screen[vert, 1] = np.rint(y * SNAP) / SNAP
+        screen[vert, 2] = z
+
+
 @njit(cache=True, parallel=True, error_model="numpy")
-def _project(clip, height, width, bands):
-    """Snapped screen positions (row, vert, 3)."""
+def project(clip, height, width, bands):
+    """Snapped screen positions (row, vert, 3) in float64."""
     rows, verts = clip.shape[0], clip.shape[1]
     screen = np.empty((rows, verts, 3), np.float64)
     for task in prange(rows * bands):
         row, band = np.int64(task) // bands, np.int64(task) % bands
-        for vert in range(band * verts // bands, (band + 1) * verts // bands):
-            x, y, z = screen_position(clip[row], vert, height, width)
-            screen[row, vert, 0] = np.rint(x * SNAP) / SNAP
-            screen[row, vert, 1] = np.rint(y * SNAP) / SNAP
-            screen[row, vert, 2] = z
+        start, stop = band * verts // bands, (band + 1) * verts // bands
+        _project_part(clip[row], height, width, start, stop, screen[row])
     return screen
 
 
@@ -95,8 +101,20 @@ def _draw(screen, faces, start, stop, ids, depth, z_test):
                         ids[i, j] = 1
 
 
+@njit(cache=True, error_model="numpy")
+def _draw_band(clip, screen, faces, start, stop, ids, depth, barycentrics):
+    """Everything that is seen in the pixel rows [start, stop) of one image."""
+    ids[start:stop] = -1
+    z_buffer = np.empty((stop - start, ids.shape[1]), np.float64)
+    z_buffer[:] = np.inf
+    _draw(screen, faces, start, stop, ids, z_buffer, True)
+    depth[start:stop] = z_buffer
+    fill_rows(clip, faces, ids, start, stop, barycentrics)
+
+
 @njit(cache=True, parallel=True, error_model="numpy")
-def _draw_all(clip, screen, faces, height, width, bands):
+def rasterize(clip, screen, faces, height, width, bands):
+    """Nearest face (row, height, width), -1 for none; its NDC depth, +inf for none; its barycentrics (..., 3)."""
     rows = screen.shape[0]
     ids = np.empty((rows, height, width), np.int64)
     depth = np.empty((rows, height, width), clip.dtype)
@@ -104,33 +122,23 @@ def _draw_all(clip, screen, faces, height, width, bands):
     for task in prange(rows * bands):
         row, band = np.int64(task) // bands, np.int64(task) % bands
         start, stop = band * height // bands, (band + 1) * height // bands
-        ids[row, start:stop] = -1
-        z_buffer = np.full((stop - start, width), np.inf)
-        _draw(screen[row], faces, start, stop, ids[row], z_buffer, True)
-        depth[row, start:stop] = z_buffer
-        fill_rows(clip[row], faces, ids[row], start, stop, barycentrics[row])
+        _draw_band(clip[row], screen[row], faces, start, stop, ids[row], depth[row], barycentrics[row])
     return ids, depth, barycentrics
 
 
 @njit(cache=True, error_model="numpy")
-def rasterize(clip, faces, height, width, bands):
-    """Nearest face (row, height, width), -1 for none; its NDC depth, +inf for none; its barycentrics (..., 3)."""
-    return _draw_all(clip, _project(clip, height, width, bands), faces, height, width, bands)
+def _cover_band(screen, faces, start, stop, covered):
+    covered[start:stop] = -1
+    _draw(screen, faces, start, stop, covered, np.empty((1, 1), np.float64), False)
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
-def _cover_all(screen, faces, height, width, bands):
+def cover(screen, faces, height, width, bands):
+    """1 where any face covers the pixel centre, else -1: (row, height, width) int8, no depth test."""
     rows = screen.shape[0]
     covered = np.empty((rows, height, width), np.int8)
     for task in prange(rows * bands):
         row, band = np.int64(task) // bands, np.int64(task) % bands
         start, stop = band * height // bands, (band + 1) * height // bands
-        covered[row, start:stop] = -1
-        _draw(screen[row], faces, start, stop, covered[row], np.empty((1, 1)), False)
+        _cover_band(screen[row], faces, start, stop, covered[row])
     return covered
-
-
-@njit(cache=True, error_model="numpy")
-def cover(clip, faces, height, width, bands):
-    """1 where any face covers the pixel centre, else -1: (row, height, width) int8, no depth test."""
-    return _cover_all(_project(clip, height, width, bands), faces, height, width, bands)

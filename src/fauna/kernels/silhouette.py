@@ -93,7 +93,8 @@ def _cross_edge(start, end, axis, ids, depth, use_depth, tolerance, edge, slots,
 def _cross_image(clip, faces, edges, edge_faces, ids, depth, use_depth, tolerance, cell_of, edge_of, place_of):
     """Crossings of one image, at most one for each pair of pixels: the outermost, the first of equals."""
     height, width = ids.shape
-    slots = np.full(2 * height * width, -1, np.int32)
+    slots = np.empty(2 * height * width, np.int32)
+    slots[:] = -1
     found = np.empty(edges.shape[0] + 1, np.int32)
     count = 0
     for k in range(_contours(clip, faces, edges, edge_faces, found)):
@@ -107,6 +108,19 @@ def _cross_image(clip, faces, edges, edge_faces, ids, depth, use_depth, toleranc
                 start, end, axis, ids, depth, use_depth, tolerance, edge, slots, count, cell_of, edge_of, place_of
             )
     return count
+
+
+@njit(cache=True, error_model="numpy")
+def _join(starts, cells, owners, places):
+    """The used parts of the images' lists one after the other."""
+    count = starts[-1]
+    cell, edge, place = np.empty(count, np.int32), np.empty(count, np.int32), np.empty((count, 2), np.float64)
+    for row in range(starts.shape[0] - 1):
+        for k in range(starts[row + 1] - starts[row]):
+            to = starts[row] + k
+            cell[to], edge[to] = cells[row, k], owners[row, k]
+            place[to, 0], place[to, 1] = places[row, k, 0], places[row, k, 1]
+    return cell, edge, place
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
@@ -129,10 +143,5 @@ def find_crossings(clip, faces, edges, edge_faces, ids, depth, use_depth, tolera
     starts = np.zeros(rows + 1, np.int64)
     for row in range(rows):
         starts[row + 1] = starts[row] + counts[row]
-    cell, edge = np.empty(starts[rows], np.int32), np.empty(starts[rows], np.int32)
-    place = np.empty((starts[rows], 2), np.float64)
-    for row in range(rows):
-        cell[starts[row] : starts[row + 1]] = cells[row, : counts[row]]
-        edge[starts[row] : starts[row + 1]] = owners[row, : counts[row]]
-        place[starts[row] : starts[row + 1]] = places[row, : counts[row]]
+    cell, edge, place = _join(starts, cells, owners, places)
     return starts, cell, edge, place

@@ -21,7 +21,9 @@ class Rasterize(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, clip_verts, faces, height, width, bands):  # noqa: D102
-        arrays = raster.rasterize(as_numpy(clip_verts), as_numpy(faces), height, width, bands)
+        clip = as_numpy(clip_verts)
+        screen = raster.project(clip, height, width, bands)
+        arrays = raster.rasterize(clip, screen, as_numpy(faces), height, width, bands)
         face_index, depth, weights = map(torch.from_numpy, arrays)
         ctx.save_for_backward(clip_verts, faces, face_index)
         ctx.mark_non_differentiable(face_index, depth)
@@ -101,7 +103,7 @@ class Silhouette(torch.autograd.Function):
     @staticmethod
     def forward(ctx, clip_verts, faces, edges, edge_faces, height, width, bands):  # noqa: D102
         mesh = tuple(map(as_numpy, (clip_verts, faces, edges, edge_faces)))
-        covered = raster.cover(*mesh[:2], height, width, bands)
+        covered = raster.cover(raster.project(mesh[0], height, width, bands), mesh[1], height, width, bands)
         no_depth = np.empty((1, 1, 1), mesh[0].dtype)
         crossings = silhouette.find_crossings(*mesh, covered, no_depth, False, DEPTH_TOLERANCE)
         starts, cell, _, place = crossings
