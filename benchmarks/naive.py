@@ -46,7 +46,7 @@ def naive_structure(system: FaunaSystem) -> Iterator[None]:
         patches.enter_context(patch.object(CoordMLP, "forward", concatenated))
         patches.enter_context(patch.object(CoordMLP, "grid", repeated))
         patches.enter_context(patch.object(fauna.model, "render", render_all))
-        model.renderer = TorchRenderer(soft_edges=own.soft_edges)
+        model.renderer = TorchRenderer()
         try:
             yield
         finally:

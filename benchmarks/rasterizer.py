@@ -1,13 +1,16 @@
-"""Time and gradient accuracy of the rasterisers.
+"""Time and accuracy of the rasterisers.
 
-One measurement is a training-like step on six images of a closed animal-like surface: rasterise, interpolate nine
-attributes (six per image, three shared), stack the coverage, antialias the ten channels, and differentiate to the
-positions and the attributes. Backends take turns in one process and medians are reported, in milliseconds.
-``gradient_error`` is the relative L2 error of the silhouette's gradient to translation and scale against central
-differences of 8 x 8 supersampled coverage.
+One measurement is what a training step asks of them for six images of a closed animal-like surface: find its edges,
+rasterise, interpolate nine attributes (six per image, three shared), stack the coverage, antialias the ten channels,
+and carry a given gradient of the image back to the positions and the attributes. ``silhouette_ms`` is the mask-only
+path of the compiled backend, forward and backward. Backends take turns in one process; medians, in milliseconds.
 
+``gradient_error`` is the relative L2 error of the gradient of smoothly weighted coverage to translation and scale
+against central differences of 8 x 8 supersampled coverage; ``image_error`` the mean absolute error of the coverage of
+pixels on the outline against the same supersampling. Both are of the compiled backend in float64.
+
+    python benchmarks/rasterizer.py --json rasterizer.json
     python benchmarks/rasterizer.py --smoke
-    python benchmarks/rasterizer.py --full --json rasterizer.json
 """
 
 import argparse
@@ -15,6 +18,7 @@ import json
 import math
 import statistics
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import torch
@@ -24,10 +28,10 @@ from fauna.geometry.mesh import build_topology
 from fauna.renderer.base import Renderer
 from fauna.renderer.numba_backend import NumbaRenderer
 from fauna.renderer.torch_backend import TorchRenderer
+from fauna.threads import set_threads
 
 SMOKE = ((64, 12),)
-DEFAULT = ((128, 41), (256, 71))
-FULL = tuple((resolution, cells) for resolution in (128, 256) for cells in (20, 41, 71))
+DEFAULT = tuple((resolution, cells) for resolution in (128, 256) for cells in (20, 41, 71))
 IMAGES = 6
 BUMPS = (  # direction, height, sharpness: head, four legs, tail
     ((0.0, 0.6, 1.0), 0.9, 14.0),
@@ -75,17 +79,24 @@ def project(verts: Tensor, images: int = IMAGES) -> Tensor:
     return torch.stack((focal * x, -focal * y, depth, -z), dim=-1)
 
 
-def training_step(renderer: Renderer, clip: Tensor, faces: Tensor, verts: Tensor, resolution: int) -> Tensor:
+def training_step(renderer: Renderer, clip: Tensor, faces: Tensor, verts: Tensor, upstream: Tensor) -> Tensor:
     """One step as described at the top of this file; returns the gradient of the positions."""
     clip, shared = clip.detach().requires_grad_(), verts[None].detach().requires_grad_()
     own = torch.cat((clip[..., :3].detach(), clip[..., 1:].detach()), dim=-1).requires_grad_()
     topology = build_topology(faces)
-    fragments = renderer.rasterize(clip, faces, resolution, resolution)
+    fragments = renderer.rasterize(clip, faces, *upstream.shape[2:])
     attributes = torch.cat((own, shared.expand(len(own), -1, -1)), dim=-1)
     image = renderer.interpolate(fragments, faces, attributes)
     image = torch.cat((image, fragments.covered[:, None].to(image)), dim=1)
     image = renderer.antialias(image, fragments, clip, faces, topology)
-    return torch.autograd.grad(image.square().mean(), (clip, own, shared))[0]
+    return torch.autograd.grad(image, (clip, own, shared), upstream)[0]
+
+
+def silhouette_step(renderer: Renderer, clip: Tensor, faces: Tensor, upstream: Tensor) -> Tensor:
+    """Coverage only, and the gradient of the positions."""
+    clip = clip.detach().requires_grad_()
+    mask = renderer.silhouette(clip, faces, *upstream.shape[2:], build_topology(faces))
+    return torch.autograd.grad(mask, clip, upstream[:, 0])[0]
 
 
 def smooth_weights(count: int, resolution: int) -> Tensor:
@@ -104,16 +115,22 @@ def moved(clip: Tensor, pixels: Tensor, resolution: int) -> Tensor:
     return torch.cat((xy, clip[..., 2:]), dim=-1)
 
 
-def gradient_error(renderer: Renderer, clip: Tensor, faces: Tensor, resolution: int, samples: int = 8) -> float:
+def supersampled(clip: Tensor, faces: Tensor, resolution: int, samples: int = 8) -> Tensor:
+    """Coverage (image, resolution, resolution) from ``samples`` squared points in each pixel."""
+    size = resolution * samples
+    hard = NumbaRenderer().rasterize(clip, faces, size, size).covered.to(clip)
+    return torch.nn.functional.avg_pool2d(hard[:, None], samples).squeeze(1)
+
+
+def gradient_error(renderer: Renderer, clip: Tensor, faces: Tensor, resolution: int) -> float:
     """Relative L2 error of the silhouette's gradients to (right, down, growth) of smoothly weighted coverage."""
     topology, weights = build_topology(faces), smooth_weights(4, resolution)
-
-    def coverage(step: Tensor) -> Tensor:
-        size = resolution * samples
-        hard = renderer.rasterize(moved(clip, step, resolution), faces, size, size).covered.to(clip)
-        return torch.nn.functional.avg_pool2d(hard[:, None], samples).squeeze(1)
-
-    truth = torch.stack([coverage(step) - coverage(-step) for step in 0.5 * torch.eye(3, dtype=clip.dtype)])
+    ends = [
+        supersampled(moved(clip, sign * 0.5 * axis, resolution), faces, resolution)
+        for axis in torch.eye(3, dtype=clip.dtype)
+        for sign in (1, -1)
+    ]
+    truth = torch.stack([after - before for after, before in zip(ends[::2], ends[1::2], strict=True)])
     truth = torch.einsum("prij,wij->rwp", truth, weights)
     step = torch.zeros(3, dtype=clip.dtype, requires_grad=True)
     found = []
@@ -124,23 +141,49 @@ def gradient_error(renderer: Renderer, clip: Tensor, faces: Tensor, resolution: 
     return float((torch.stack(found) - truth).norm() / truth.norm())
 
 
+def image_error(renderer: Renderer, clip: Tensor, faces: Tensor, resolution: int) -> float:
+    """Mean absolute error of coverage over the pixels that are covered in part."""
+    exact = supersampled(clip, faces, resolution)
+    mask = renderer.silhouette(clip, faces, resolution, resolution, build_topology(faces))
+    return float((mask - exact).abs()[(exact > 0) & (exact < 1)].mean())
+
+
+def medians(variants: dict[str, Callable[[], object]], runs: int) -> dict[str, float]:
+    """Median time of each, taking turns; the first two turns, which compile and warm up, do not count."""
+    times: dict[str, list[float]] = {name: [] for name in variants}
+    for run in range(runs + 2):
+        for name, variant in variants.items():
+            start = time.perf_counter()
+            variant()
+            if run >= 2:
+                times[name].append(1e3 * (time.perf_counter() - start))
+    return {name: round(statistics.median(values), 2) for name, values in times.items()}
+
+
 def measure(resolution: int, cells: int, runs: int) -> dict[str, float | int]:
     """One row of the table."""
     verts, faces = animal_surface(cells)
-    clip = project(verts)
-    renderers = {"torch_ms": TorchRenderer(soft_edges=False), "numba_ms": NumbaRenderer(soft_edges=False)}
-    times: dict[str, list[float]] = {name: [] for name in renderers}
-    for run in range(runs + 1):
-        for name, renderer in renderers.items():
-            start = time.perf_counter()
-            training_step(renderer, clip.float(), faces, verts.float(), resolution)
-            if run:  # the first one compiles
-                times[name].append(1e3 * (time.perf_counter() - start))
-    row: dict[str, float | int] = {"resolution": resolution, "triangles": len(faces)}
-    row |= {name: round(statistics.median(values), 2) for name, values in times.items()}
-    row["ratio"] = round(row["torch_ms"] / row["numba_ms"], 2)
-    row["gradient_error"] = round(gradient_error(renderers["numba_ms"], clip, faces, resolution), 4)
-    return row
+    exact_clip, verts = project(verts), verts.float()
+    clip, slow, fast = exact_clip.float(), TorchRenderer(), NumbaRenderer()
+    upstream = torch.randn(len(clip), 10, resolution, resolution, generator=torch.Generator().manual_seed(1))
+    times = medians(
+        {
+            "torch_ms": lambda: training_step(slow, clip, faces, verts, upstream),
+            "numba_ms": lambda: training_step(fast, clip, faces, verts, upstream),
+            "silhouette_ms": lambda: silhouette_step(fast, clip, faces, upstream),
+        },
+        runs,
+    )
+    return {
+        "resolution": resolution,
+        "triangles": len(faces),
+        "torch_ms": times["torch_ms"],
+        "numba_ms": times["numba_ms"],
+        "ratio": round(times["torch_ms"] / times["numba_ms"], 2),
+        "gradient_error": round(gradient_error(fast, exact_clip, faces, resolution), 4),
+        "silhouette_ms": times["silhouette_ms"],
+        "image_error": round(image_error(fast, exact_clip, faces, resolution), 4),
+    }
 
 
 def main() -> None:
@@ -148,9 +191,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, help="also write the rows to this file")
     parser.add_argument("--smoke", action="store_true", help="one small case, to see that it runs")
-    parser.add_argument("--full", action="store_true", help="all six cases, 11 runs each")
+    parser.add_argument("--full", action="store_true", help="31 runs of each case instead of 11")
+    parser.add_argument("--threads", type=int, default=2, help="CPU threads of torch and the kernels")
     options = parser.parse_args()
-    cases, runs = (SMOKE, 2) if options.smoke else (FULL, 11) if options.full else (DEFAULT, 7)
+    set_threads(options.threads)
+    cases, runs = (SMOKE, 2) if options.smoke else (DEFAULT, 31 if options.full else 11)
     rows = []
     for resolution, cells in cases:
         rows.append(measure(resolution, cells, runs))

@@ -17,7 +17,7 @@ Mesh = tuple[Tensor, Tensor]
 @pytest.fixture(params=[TorchRenderer, NumbaRenderer], ids=["torch", "numba"])
 def renderer(request: pytest.FixtureRequest) -> Renderer:
     """Both backends in turn."""
-    return request.param(soft_edges=False)
+    return request.param()
 
 
 @pytest.fixture

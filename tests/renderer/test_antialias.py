@@ -1,8 +1,11 @@
+import math
+
 import numba
 import pytest
 import torch
 
 from fauna.geometry.mesh import build_topology
+from fauna.renderer import edges
 from fauna.renderer.numba_backend import NumbaRenderer
 from fauna.renderer.torch_backend import TorchRenderer
 
@@ -27,14 +30,11 @@ def relative(found, expected):
     return ((found - expected).norm() / expected.norm()).item()
 
 
-@pytest.mark.parametrize("soft_edges", [False, True])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_backends_agree(blob, project, soup, soft_edges, dtype):
+def test_backends_agree(blob, project, soup, dtype):
     verts, faces = blob(12)
     for clip, triangles in ((project(verts, 3), faces), soup(2, 40)):
-        results = [
-            full_step(R(soft_edges=soft_edges), clip.to(dtype), triangles) for R in (TorchRenderer, NumbaRenderer)
-        ]
+        results = [full_step(R(), clip.to(dtype), triangles) for R in (TorchRenderer, NumbaRenderer)]
         for expected, found in zip(results[0][:2], results[1][:2], strict=True):
             torch.testing.assert_close(found, expected, atol=1e-5, rtol=0)
         for expected, found in zip(results[0][2:], results[1][2:], strict=True):
@@ -57,10 +57,8 @@ def test_bitwise_deterministic_for_any_number_of_threads(renderer, blob, project
         assert torch.equal(one, other)
 
 
-@pytest.mark.parametrize("soft_edges", [False, True])
-def test_mask_only_path_equals_full_path(renderer, blob, project, soft_edges):
+def test_mask_only_path_equals_full_path(renderer, blob, project):
     verts, faces = blob(10)
-    renderer = type(renderer)(soft_edges=soft_edges)
     image, silhouette, *_ = full_step(renderer, project(verts, 3), faces)
     torch.testing.assert_close(silhouette, image[:, -1].clamp(0, 1), atol=0, rtol=0)
     assert silhouette.min() == 0
@@ -103,29 +101,83 @@ def test_occluding_contour_is_blended(renderer):
 
 
 def test_gradients_match_differences_of_the_own_image(renderer, blob, project):
-    """Float64, hard edges: within a fixed set of crossings the image is a smooth function of the positions."""
+    """Float64: under translation and scaling, which keep slopes, the image is a smooth function between crossings."""
     verts, faces = blob(5)
-    clip = project(verts, 1).requires_grad_()
+    clip = project(verts, 1)
     topology = build_topology(faces)
 
-    def silhouette(clip):
-        return renderer.silhouette(clip, faces, 10, 10, topology)
+    def silhouette(step):
+        return renderer.silhouette(move(clip, step, 10), faces, 10, 10, topology)
 
-    def image(clip, attributes):
-        fragments = renderer.rasterize(clip, faces, 10, 10)
-        return renderer.antialias(renderer.interpolate(fragments, faces, attributes), fragments, clip, faces, topology)
+    def image(step, attributes):
+        moved = move(clip, step, 10)
+        fragments = renderer.rasterize(moved, faces, 10, 10)
+        return renderer.antialias(renderer.interpolate(fragments, faces, attributes), fragments, moved, faces, topology)
 
+    step = torch.tensor([0.01, -0.02, 0.03], dtype=torch.float64, requires_grad=True)
     attributes = torch.rand(1, len(verts), 1, dtype=torch.float64, requires_grad=True)
-    for _ in range(3):  # directions drawn at random
-        assert torch.autograd.gradcheck(silhouette, (clip,), eps=1e-7, atol=1e-5, fast_mode=True)
-        assert torch.autograd.gradcheck(image, (clip, attributes), eps=1e-7, atol=1e-5, fast_mode=True)
+    assert torch.autograd.gradcheck(silhouette, (step,), eps=1e-7, atol=1e-5)
+    assert torch.autograd.gradcheck(image, (step, attributes), eps=1e-7, atol=1e-5, fast_mode=True)
+
+
+def test_distances_and_coverage_are_differentiable(blob, project):
+    """The two factors of an edge's gradient, for every vertex and component; the kernels agree with torch elsewhere."""
+    verts, faces = blob(4)
+    clip, topology = project(verts, 2).requires_grad_(), build_topology(faces)
+    covered = TorchRenderer().rasterize(clip, faces, 8, 9).covered
+    crossings = edges.find_crossings(clip, faces, topology, covered, None)
+    assert len(crossings.cell) > 20
+
+    def distances(clip):
+        return edges.distances(crossings, clip, topology, 8, 9)
+
+    assert torch.autograd.gradcheck(distances, (clip,), eps=1e-7, atol=1e-5)
+    assert distances(clip).min() >= 0
+    assert distances(clip).max() <= 1
+    slope = torch.linspace(0, 1, 12, dtype=torch.float64)
+    for distance in torch.linspace(0.013, 0.967, 7, dtype=torch.float64):
+        far = torch.full_like(slope, distance).requires_grad_()
+        assert torch.autograd.gradcheck(lambda t: edges.beyond(t, slope), (far,))
+
+
+def test_part_beyond_a_line_is_its_area():
+    """Against a fine grid of points; and the shares of the two pixels change by 1 together."""
+    points = (torch.arange(400, dtype=torch.float64) + 0.5) / 400 - 0.5
+    distance = torch.linspace(0, 1, 21, dtype=torch.float64).requires_grad_()
+    for slope in (0.0, 0.1, 0.5, 1.0):
+        slopes = torch.full_like(distance, slope)
+        beyond = edges.beyond(distance, slopes)
+        line = distance.detach()[:, None, None] + slope * points[:, None]
+        area = (points[None, None] > line).double().mean(dim=(1, 2))
+        torch.testing.assert_close(beyond, area, atol=3e-3, rtol=0)
+        (rate,) = torch.autograd.grad((beyond + edges.beyond(1 - distance.flip(0), slopes)).sum(), distance)
+        (one,) = torch.autograd.grad(edges.beyond(distance, slopes).sum(), distance)
+        (other,) = torch.autograd.grad(edges.beyond(1 - distance, slopes).sum(), distance)
+        assert rate.isfinite().all()
+        inside = (distance.detach() != 0.5) | (slope > 0)  # two vertical edges of the same kink
+        torch.testing.assert_close((one - other)[inside], torch.full_like(one, -1)[inside])
+
+
+def test_straight_edges_of_any_direction_have_exact_coverage(renderer):
+    """A half plane under 25 angles: antialiased pixels against supersampling."""
+    for angle in torch.linspace(0.05, 3.1, 25).tolist():
+        normal = torch.tensor([math.cos(angle), math.sin(angle)], dtype=torch.float64)
+        along = torch.stack((-normal[1], normal[0]))
+        corners = torch.stack((-4 * along, 4 * along, 4 * along - 6 * normal, -4 * along - 6 * normal)) + 0.07 * normal
+        clip = torch.cat((corners, torch.zeros(4, 1), torch.ones(4, 1)), dim=1).double()[None]
+        faces = torch.tensor([[0, 1, 2], [2, 3, 0]])
+        mask = renderer.silhouette(clip, faces, 12, 12, build_topology(faces))
+        hard = renderer.rasterize(clip, faces, 12 * 16, 12 * 16).covered[:, None].double()
+        exact = torch.nn.functional.avg_pool2d(hard, 16).squeeze(1)
+        assert (mask - exact)[:, 2:-2, 2:-2].abs().max() < 0.07
+        assert (mask - exact)[:, 2:-2, 2:-2].abs().mean() < 0.006
 
 
 def supersampled_difference(clip, faces, size, parameter):
     """Central difference over one pixel of coverage, supersampled 8 x 8."""
 
     def coverage(step):
-        hard = NumbaRenderer(soft_edges=False).rasterize(moved(clip, step), faces, 8 * size, 8 * size).covered
+        hard = NumbaRenderer().rasterize(moved(clip, step), faces, 8 * size, 8 * size).covered
         return torch.nn.functional.avg_pool2d(hard[:, None].double(), 8).squeeze(1)
 
     def moved(clip, step):
@@ -140,10 +192,9 @@ def move(clip, step, size):
     return torch.cat((xy, clip[..., 2:]), dim=-1)
 
 
-@pytest.mark.parametrize("soft_edges", [False, True])
-def test_silhouette_gradient_is_that_of_exact_coverage(renderer, blob, project, soft_edges):
+def test_silhouette_gradient_is_that_of_exact_coverage(renderer, blob, project):
     """Translation and scale, with triangles of about a pixel: no bias, relative L2 error at most 3 %."""
-    renderer, size = type(renderer)(soft_edges=soft_edges), 128
+    size = 128
     verts, faces = blob(64)
     assert len(faces) > 16000
     clip = project(verts, 3)

@@ -31,9 +31,14 @@ def test_surface_is_closed_and_outward(benchmark):
 
 
 def test_smoke_run_writes_rows(benchmark, monkeypatch, tmp_path):
-    monkeypatch.setattr("sys.argv", ["rasterizer.py", "--smoke", "--json", str(tmp_path / "rows.json")])
+    monkeypatch.setattr(
+        "sys.argv",
+        ["rasterizer.py", "--smoke", "--threads", str(torch.get_num_threads()), "--json", str(tmp_path / "rows.json")],
+    )
     benchmark.main()
     (row,) = json.loads((tmp_path / "rows.json").read_text())
-    assert list(row) == ["resolution", "triangles", "torch_ms", "numba_ms", "ratio", "gradient_error"]
-    assert 0 < row["gradient_error"] < 0.1
+    fields = ["resolution", "triangles", "torch_ms", "numba_ms", "ratio", "gradient_error"]
+    assert list(row) == [*fields, "silhouette_ms", "image_error"]
+    assert 0 < row["gradient_error"] < 0.05
+    assert 0 < row["image_error"] < 0.03
     assert row["ratio"] > 0

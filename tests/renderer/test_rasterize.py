@@ -176,7 +176,7 @@ def test_backends_agree(soup, blob, project, dtype):
     verts, faces = blob(12)
     for clip, triangles in (soup(3, 60), (project(verts, 3), faces)):
         clip = clip.to(dtype)
-        left, right = (R(soft_edges=False).rasterize(clip, triangles, 40, 31) for R in (TorchRenderer, NumbaRenderer))
+        left, right = (R().rasterize(clip, triangles, 40, 31) for R in (TorchRenderer, NumbaRenderer))
         assert torch.equal(left.face_index, right.face_index)
         assert torch.equal(left.depth, right.depth)
         torch.testing.assert_close(left.barycentrics, right.barycentrics, atol=1e-6, rtol=1e-6)
@@ -194,7 +194,7 @@ def test_memory_chunks_do_not_change_the_result(soup, monkeypatch):
 def test_bands_do_not_change_the_result(soup):
     """A single image is cut into bands of rows, one per thread; several images are not."""
     clip, faces = soup(3, 40)
-    renderer = NumbaRenderer(soft_edges=False)
+    renderer = NumbaRenderer()
     together = renderer.rasterize(clip, faces, HEIGHT, WIDTH).face_index
     alone = [renderer.rasterize(row[None], faces, HEIGHT, WIDTH).face_index for row in clip]
     assert torch.equal(together, torch.cat(alone))
@@ -204,8 +204,8 @@ def test_without_numba_torch_draws(soup, monkeypatch):
     monkeypatch.setitem(sys.modules, "fauna.renderer.compiled", None)  # importing it fails
     clip, faces = soup(1, 10)
     with pytest.warns(UserWarning, match="numba is not installed"):
-        renderer = NumbaRenderer(soft_edges=False)
-    expected = TorchRenderer(soft_edges=False).rasterize(clip, faces, 8, 8)
+        renderer = NumbaRenderer()
+    expected = TorchRenderer().rasterize(clip, faces, 8, 8)
     assert torch.equal(renderer.rasterize(clip, faces, 8, 8).face_index, expected.face_index)
 
 
@@ -224,7 +224,7 @@ def test_messages(renderer, soup, monkeypatch):
         renderer.interpolate(fragments, faces, torch.rand(2, 8, 2))
     topology = build_topology(torch.tensor([[0, 1, 9]]))
     with pytest.raises(FaunaError, match="9 vertices, got index 9; rebuild it"):
-        NumbaRenderer(soft_edges=False).silhouette(clip, faces, 8, 8, topology)
+        NumbaRenderer().silhouette(clip, faces, 8, 8, topology)
     monkeypatch.setattr(nvdiffrast_backend.torch.cuda, "is_available", lambda: False)
     with pytest.raises(FaunaError, match="needs a CUDA device"):
-        NvdiffrastRenderer(soft_edges=False)
+        NvdiffrastRenderer()

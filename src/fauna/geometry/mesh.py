@@ -4,6 +4,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 from torch.autograd.function import once_differentiable
+from torch.utils.weak import WeakTensorKeyDictionary
 
 from fauna.errors import FaunaError
 from fauna.types import Topology
@@ -15,6 +16,24 @@ except ImportError:
 
 MIN_SQUARED_LENGTH = 1e-20  # of a normal before normalisation, (twice the area)^2
 FALLBACK_NORMAL = (0.0, 0.0, 1.0)
+_known_bounds = WeakTensorKeyDictionary()  # tensor -> (version, bounds)
+
+
+def index_bounds(index: Int[Tensor, "*shape"]) -> tuple[int, int]:
+    """Least and greatest index, (0, -1) of none.
+
+    Remembered for each tensor until it is changed in place: a mesh is checked once, however often it is drawn, and a
+    GPU is waited for once.
+    """
+    if not index.numel():
+        return 0, -1
+    version = -1 if index.is_inference() else index._version
+    known = _known_bounds.get(index)
+    if known is not None and version >= 0 and known[0] == version:
+        return known[1]
+    low, high = torch.stack(torch.aminmax(index)).tolist()
+    _known_bounds[index] = (version, (low, high))
+    return low, high
 
 
 def build_topology(faces: Int[Tensor, "face 3"]) -> Topology:
@@ -30,10 +49,9 @@ def build_topology(faces: Int[Tensor, "face 3"]) -> Topology:
     if not len(faces):
         empty = faces.new_zeros(0, 2, dtype=torch.long)
         return Topology(empty, empty.clone())
-    faces = faces.detach().long()
+    faces = faces.long()
     if kernels is not None and faces.device.type == "cpu":
-        vert_count = int(faces.max()) + 1
-        edges, edge_faces = kernels.edge_list(faces.contiguous().numpy(), vert_count)
+        edges, edge_faces = kernels.edge_list(faces.contiguous().numpy(), index_bounds(faces)[1] + 1)
         return Topology(torch.from_numpy(edges), torch.from_numpy(edge_faces))
     return _build_topology_torch(faces)
 
@@ -76,9 +94,9 @@ def vertex_normals(verts: Float[Tensor, "batch vert 3"], faces: Int[Tensor, "fac
     Raises:
         FaunaError: a face refers to a vertex that does not exist.
     """
-    if len(faces) and int(faces.max()) >= verts.shape[1]:
-        count = verts.shape[1]
-        raise FaunaError(f"faces must index {count} vertices, got index {int(faces.max())}; pass the mesh's own faces")
+    count, highest = verts.shape[1], index_bounds(faces)[1]
+    if highest >= count:
+        raise FaunaError(f"faces must index {count} vertices, got index {highest}; pass the mesh's own faces")
     if kernels is not None and verts.device.type == "cpu" and verts.dtype in (torch.float32, torch.float64):
         return _normalize(_SumFaceNormals.apply(verts, faces.long()))
     corners = faces.reshape(-1)

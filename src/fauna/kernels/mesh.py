@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit, prange
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def edge_list(faces, vert_count):
     """Edges (edge, 2), sorted, with smaller index first, and up to two faces of each (edge, 2), -1 for none.
 
@@ -38,7 +38,7 @@ def edge_list(faces, vert_count):
     return _unique_edges(start, other, owner)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _unique_edges(start, other, owner):
     edges = np.empty((other.shape[0], 2), np.int64)
     edge_faces = np.full((other.shape[0], 2), -1, np.int64)
@@ -56,7 +56,7 @@ def _unique_edges(start, other, owner):
     return edges[:count].copy(), edge_faces[:count].copy()
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _two_sides(verts, faces, face):
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
     u = (verts[b, 0] - verts[a, 0], verts[b, 1] - verts[a, 1], verts[b, 2] - verts[a, 2])
@@ -64,12 +64,12 @@ def _two_sides(verts, faces, face):
     return u, v
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _cross(u, v):
     return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _sum_one(verts, faces, sums):
     for face in range(faces.shape[0]):
         u, v = _two_sides(verts, faces, face)
@@ -79,7 +79,7 @@ def _sum_one(verts, faces, sums):
                 sums[faces[face, k], axis] += normal[axis]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _sum_one_backward(verts, faces, grad, grad_verts):
     for face in range(faces.shape[0]):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
@@ -96,7 +96,7 @@ def _sum_one_backward(verts, faces, grad, grad_verts):
             grad_verts[c, axis] += grad_v[axis]
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def sum_face_normals(verts, faces):
     """(batch, vert, 3) sum over the adjacent faces of their area-scaled normals (cross products of two sides)."""
     sums = np.zeros(verts.shape, verts.dtype)
@@ -105,7 +105,7 @@ def sum_face_normals(verts, faces):
     return sums
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, parallel=True, error_model="numpy")
 def sum_face_normals_backward(verts, faces, grad):
     """Gradient (batch, vert, 3) of the vertices from that of ``sum_face_normals``."""
     grad_verts = np.zeros(verts.shape, verts.dtype)

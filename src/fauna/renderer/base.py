@@ -2,11 +2,9 @@
 
 from abc import ABC, abstractmethod
 
-import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from fauna.errors import FaunaError
 from fauna.renderer.contour import Contour
 from fauna.types import Fragments, Topology
 
@@ -18,15 +16,6 @@ class Renderer(ABC):
     clipping. Coverage is constant under differentiation: gradients reach the geometry through the barycentrics and,
     at silhouettes, through :meth:`antialias`. All backends share one rule for silhouettes (``fauna.renderer.edges``).
     """
-
-    def __init__(self, *, soft_edges: bool):
-        """Create a renderer.
-
-        Args:
-            soft_edges: sample silhouette edges on pixel rows *and* columns, weighted by slope, instead of on the
-                steeper axis only. Less noisy gradients, slightly worse images.
-        """
-        self.soft_edges = soft_edges
 
     @abstractmethod
     def rasterize(
@@ -114,50 +103,3 @@ class Renderer(ABC):
 
         Equal to rasterising, antialiasing the coverage and clamping, without depth test and barycentrics.
         """
-
-
-def check_mesh(clip_verts: Tensor, faces: Tensor, height: int, width: int) -> None:
-    """Reject what would index out of range or lose precision silently.
-
-    Raises:
-        FaunaError: see :meth:`Renderer.rasterize`.
-    """
-    if clip_verts.dtype not in (torch.float32, torch.float64):
-        raise FaunaError(f"clip_verts must be float32 or float64, got {clip_verts.dtype}; cast before rasterising")
-    if height < 1 or width < 1:
-        raise FaunaError(f"image size must be positive, got {height} x {width}; set height and width")
-    if faces.numel():
-        low, high = (int(bound) for bound in torch.aminmax(faces))
-        if low < 0 or high >= clip_verts.shape[1]:
-            count = clip_verts.shape[1]
-            raise FaunaError(f"faces must index {count} vertices, got indices {low}..{high}; pass the mesh's own faces")
-
-
-def check_attributes(fragments: Fragments, faces: Tensor, attributes: Tensor) -> Tensor:
-    """Attributes in the precision of the barycentrics.
-
-    Raises:
-        FaunaError: the leading axis is neither 1 nor the number of rows, or a face has no attributes.
-    """
-    rows = fragments.face_index.shape[0]
-    if attributes.shape[0] not in (1, rows):
-        raise FaunaError(f"attributes must have 1 or {rows} rows, got {attributes.shape[0]}; repeat them per row")
-    if faces.numel() and int(faces.max()) >= attributes.shape[1]:
-        count = attributes.shape[1]
-        raise FaunaError(f"attributes must cover vertex {int(faces.max())}, got {count} vertices; pass one per vertex")
-    return attributes.to(fragments.barycentrics.dtype)
-
-
-def check_topology(topology: Topology, clip_verts: Tensor, faces: Tensor) -> None:
-    """Reject the edges of another mesh.
-
-    Raises:
-        FaunaError: an edge refers to a vertex or a face that does not exist.
-    """
-    for name, index, count in (
-        ("vertices", topology.edges, clip_verts.shape[1]),
-        ("faces", topology.edge_faces, len(faces)),
-    ):
-        if index.numel() and int(index.max()) >= count:
-            message = f"topology must refer to the mesh's {count} {name}, got index {int(index.max())}; rebuild it"
-            raise FaunaError(message)

@@ -6,29 +6,20 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from fauna.renderer.edges import Crossings
-
 
 @dataclass(frozen=True)
 class Contour:
-    """Pairs of neighbouring pixels separated by a silhouette edge, at most one of each pair of neighbours.
+    """What neighbouring pixels take of each other: two transfers per crossing, the inner pixel's and the outer's.
 
     Attributes:
         target: flat index into (row, height, width) of the pixel that takes on colour.
         source: of the neighbour it takes it from.
-        share: how much of it, in [0, 1/2]; differentiable to the geometry.
+        share: how much of it, in [0, 1]; differentiable to the geometry.
     """
 
-    target: Int[Tensor, " crossing"]
-    source: Int[Tensor, " crossing"]
-    share: Float[Tensor, " crossing"]
-
-
-def make_contour(crossings: Crossings, weights: Float[Tensor, " crossing"], height: int, width: int) -> Contour:
-    """Turn signed weights (``edges.blend_weights``) into directions and shares."""
-    inner, outer = crossings.pixels(height, width)
-    outwards = weights <= 0
-    return Contour(torch.where(outwards, outer, inner), torch.where(outwards, inner, outer), weights.abs())
+    target: Int[Tensor, " transfer"]
+    source: Int[Tensor, " transfer"]
+    share: Float[Tensor, " transfer"]
 
 
 def blend_coverage(covered: Bool[Tensor, "row height width"], contour: Contour) -> Float[Tensor, "row height width"]:

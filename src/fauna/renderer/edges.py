@@ -1,16 +1,21 @@
 """Edge-driven antialiasing: how silhouettes become differentiable.
 
 A *silhouette edge* has one adjacent face turned to the camera and one turned away, or only one face. Where it crosses
-the line between two neighbouring pixel centres, the pixel pair is blended as if the contour were a straight edge
-across both: with d the distance of the crossing from the inner pixel's centre and alpha = 1/2 - d,
+the line between two neighbouring pixel centres, the contour is taken as a straight line across both pixels, of the
+edge's slope m (how far it moves along the pair per pixel across it, limited to 1). With f(t) the part of a pixel
+beyond such a line at the distance t from its centre (:func:`beyond`) and d the distance of the crossing from the inner
+pixel's centre,
 
-* alpha > 0: the inner pixel takes the fraction alpha of the outer pixel's colour;
-* alpha < 0: the outer pixel takes the fraction -alpha of the inner pixel's colour.
+* the inner pixel takes the fraction f(d) of the outer pixel's colour,
+* the outer pixel takes the fraction f(1 - d) of the inner pixel's colour.
 
-Differentiating alpha through the crossing to both ends of the edge samples the contour integral of the exact
-derivative. One sample per unit length suffices: an edge is sampled on pixel rows if it is steeper than 45 degrees,
-else on pixel columns (sampling on both would count it twice). Unlike rules that look only at the edges of the triangle
-seen at a pixel centre, this finds every contour however small the triangles are.
+This is the exact coverage of a straight contour. Edges are sampled on pixel rows *and* columns, and the two samples
+weighted with 1 / (1 + m^4): the weights of both directions sum to 1, and the direction the edge is steeper to counts
+most. Differentiating both fractions through the crossing to the ends of the edge samples the contour integral of the
+exact derivative of coverage: f'(d) + f'(1 - d) = -1, so every unit of contour counts once. Slope and weight describe
+the sampling and carry no gradient: they do not change under translation and scaling, and for edges shorter than a
+pixel their derivative is noise. Unlike rules that look only at the edges of the triangle seen at a pixel centre, this
+finds every contour however small the triangles are.
 """
 
 from dataclasses import dataclass
@@ -33,11 +38,13 @@ class Crossings:
         cell: flat index into (row, axis, height, width): axis 0 pairs (i, j) with (i, j + 1), axis 1 with (i + 1, j).
         edge: index into the topology's edges.
         offset: position of the crossing after the first pixel if that is the inner one, minus 1 if the second is.
+        slope: |d(position) / d(line)| of the edge.
     """
 
     cell: Int[Tensor, " crossing"]
     edge: Int[Tensor, " crossing"]
     offset: Float[Tensor, " crossing"]
+    slope: Float[Tensor, " crossing"]
 
     def pixels(self, height: int, width: int) -> tuple[Int[Tensor, " crossing"], Int[Tensor, " crossing"]]:
         """Flat indices into (row, height, width) of the inner and the outer pixels."""
@@ -56,7 +63,6 @@ def find_crossings(
     topology: Topology,
     covered: Bool[Tensor, "row height width"],
     depth: Float[Tensor, "row height width"] | None,
-    soft_edges: bool,
 ) -> Crossings:
     """Where silhouette edges separate neighbouring pixels.
 
@@ -69,39 +75,40 @@ def find_crossings(
         topology: edges of the same faces.
         covered: pixels with a triangle.
         depth: NDC depth; ``None`` ignores pairs of two covered pixels, which do not matter to coverage.
-        soft_edges: sample both axes.
     """
     _, height, width = covered.shape
-    screen = to_screen(clip_verts, height, width, snap=False)
-    rows, edges = _silhouette_edges(screen, faces, topology)
-    ends = screen[rows[:, None], topology.edges[edges]]  # (candidate, 2, 3)
+    rows, edges = _silhouette_edges(clip_verts, faces, topology)
+    ends = to_screen(clip_verts[rows[:, None], topology.edges[edges]], height, width, snap=False)  # (candidate, 2, 3)
+    valid = ends.isfinite().all(dim=2).all(dim=1)
     span = (ends[:, 1, :2] - ends[:, 0, :2]).abs()
     found = []
     for axis in (0, 1):
-        chosen = span[:, 1 - axis] > 0
-        if not soft_edges:
-            steep = span[:, 1] >= span[:, 0]
-            chosen &= steep if axis == 0 else ~steep
+        chosen = valid & (span[:, 1 - axis] > 0)
         found.append(_cross_lines(axis, rows[chosen], edges[chosen], ends[chosen], covered, depth))
-    cell, edge, offset = (torch.cat(parts) for parts in zip(*found, strict=True))
-    return _keep_outermost(cell, edge, offset, 2 * covered.numel())
+    crossings = Crossings(*(torch.cat(parts) for parts in zip(*found, strict=True)))
+    return _keep_outermost(crossings, 2 * covered.numel())
 
 
-def _silhouette_edges(screen: Tensor, faces: Tensor, topology: Topology) -> tuple[Tensor, Tensor]:
-    """Rows and edge indices of the edges between a front and a back face, and of border edges."""
-    a, b, c = (screen[:, faces[:, k], :2] for k in range(3))
-    front = (b - a)[..., 0] * (c - a)[..., 1] - (b - a)[..., 1] * (c - a)[..., 0] > 0  # (row, face)
+def _silhouette_edges(clip_verts: Tensor, faces: Tensor, topology: Topology) -> tuple[Tensor, Tensor]:
+    """Rows and edge indices of the edges between a front and a back face, and of border edges.
+
+    The sign of a face's area on the screen is that of the determinant of its corners' (X, Y, W).
+    """
+    x, y, w = (clip_verts[..., k].double()[:, faces].unbind(-1) for k in (0, 1, 3))  # each: 3 x (row, face)
+    determinant = (
+        x[0] * (y[1] * w[2] - w[1] * y[2]) - y[0] * (x[1] * w[2] - w[1] * x[2]) + w[0] * (x[1] * y[2] - y[1] * x[2])
+    )
+    front = determinant > 0
     first, second = topology.edge_faces.unbind(1)
     contour = (second < 0) | (front[:, first] != front[:, second.clamp(min=0)])
-    visible = screen[:, topology.edges].isfinite().all(dim=-1).all(dim=-1)
-    rows, edges = (contour & visible).nonzero(as_tuple=True)
+    rows, edges = contour.nonzero(as_tuple=True)
     return rows, edges
 
 
 def _cross_lines(
     axis: int, rows: Tensor, edges: Tensor, ends: Tensor, covered: Tensor, depth: Tensor | None
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Cell, edge and offset of accepted crossings with pixel rows (axis 0) or columns (axis 1)."""
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Cell, edge, offset and slope of accepted crossings with pixel rows (axis 0) or columns (axis 1)."""
     _, height, width = covered.shape
     lines, cells, step = (height, width, 1) if axis == 0 else (width, height, width)
     along, across = ends[..., 1 - axis], ends[..., axis]  # (candidate, 2)
@@ -109,8 +116,9 @@ def _cross_lines(
     counts = (along.amax(1).ceil().clamp(0, lines).long() - start).clamp(min=0)
     source = torch.repeat_interleave(counts)
     line = torch.arange(len(source), device=rows.device) - (counts.cumsum(0) - counts)[source] + start[source]
-    s = (line - along[source, 0]) / (along[source, 1] - along[source, 0])
-    position = across[source, 0] + s * (across[source, 1] - across[source, 0])
+    delta_along, delta_across = along[:, 1] - along[:, 0], across[:, 1] - across[:, 0]
+    s = (line - along[source, 0]) / delta_along[source]
+    position = across[source, 0] + s * delta_across[source]
     inside = (position >= 0) & (position < cells - 1)
     source, line, s, position = source[inside], line[inside], s[inside], position[inside]
     cell = position.floor().long()
@@ -126,34 +134,29 @@ def _cross_lines(
         accepted |= both & (near != far) & (edge_depth < torch.maximum(near, far) - DEPTH_TOLERANCE)
     offset = torch.where(inner_first, position - cell, position - cell - 1)
     flat = (2 * rows[source] + axis) * (height * width) + pixel
-    return flat[accepted], edges[source][accepted], offset[accepted]
+    slope = (delta_across / delta_along).abs()[source]
+    return flat[accepted], edges[source][accepted], offset[accepted], slope[accepted]
 
 
-def _keep_outermost(cell: Tensor, edge: Tensor, offset: Tensor, cell_count: int) -> Crossings:
+def _keep_outermost(found: Crossings, cell_count: int) -> Crossings:
     """Per pair the crossing farthest from the inner pixel, the first edge of equals."""
-    farthest = offset.new_full((cell_count,), -1.0).scatter_reduce(0, cell, offset.abs(), "amax")
-    keep = offset.abs() == farthest[cell]
-    cell, edge, offset = cell[keep], edge[keep], offset[keep]
+    cell, edge, extent = found.cell, found.edge, found.offset.abs()
+    farthest = extent.new_full((cell_count,), -1.0).scatter_reduce(0, cell, extent, "amax")
     lowest = torch.full((cell_count,), torch.iinfo(torch.long).max, device=cell.device)
-    lowest = lowest.scatter_reduce(0, cell, edge, "amin")
-    keep = edge == lowest[cell]
-    cell, order = cell[keep].sort()
-    return Crossings(cell, edge[keep][order], offset[keep][order])
+    lowest = lowest.scatter_reduce(0, cell, edge.where(extent == farthest[cell], lowest[0]), "amin")
+    keep = ((edge == lowest[cell]) & (extent == farthest[cell])).nonzero().squeeze(1)
+    order = keep[cell[keep].argsort()]
+    return Crossings(cell[order], edge[order], found.offset[order], found.slope[order])
 
 
-def blend_weights(
+def distances(
     crossings: Crossings,
     clip_verts: Float[Tensor, "row vert 4"],
     topology: Topology,
     height: int,
     width: int,
-    soft_edges: bool,
 ) -> Float[Tensor, " crossing"]:
-    """Alpha of every crossing, differentiable to ``clip_verts``, float64.
-
-    With ``soft_edges`` alpha is scaled by cos^2 of the angle between the edge's normal and the pair: the two axes'
-    weights sum to 1. This factor is a sampling weight and carries no gradient.
-    """
+    """From the inner pixel's centre to the crossing, in [0, 1] pixels; float64, differentiable to ``clip_verts``."""
     size = height * width
     axis = crossings.cell // size % 2
     row, pixel = crossings.cell // (2 * size), crossings.cell % size
@@ -164,26 +167,44 @@ def blend_weights(
     x, y = to_pixels(ends, height, width)
     by_rows = (axis == 0)[:, None]
     along, across = torch.where(by_rows, y, x), torch.where(by_rows, x, y)
-    delta_along, delta_across = along[:, 1] - along[:, 0], across[:, 1] - across[:, 0]
-    position = across[:, 0] + (line - along[:, 0]) / delta_along * delta_across
-    distance = torch.where(crossings.offset >= 0, position - cell, cell + 1 - position)
-    alpha = 0.5 - distance
-    if soft_edges:
-        square = delta_along.detach().square()
-        alpha = alpha * (square / (square + delta_across.detach().square()))
-    return alpha
+    position = across[:, 0] + (line - along[:, 0]) / (along[:, 1] - along[:, 0]) * (across[:, 1] - across[:, 0])
+    return torch.where(crossings.offset >= 0, position - cell, cell + 1 - position)
+
+
+def beyond(distance: Float[Tensor, " crossing"], slope: Float[Tensor, " crossing"]) -> Float[Tensor, " crossing"]:
+    """Part of a pixel beyond a straight line.
+
+    Args:
+        distance: of the line from the pixel's centre along a pixel axis, pixels, >= 0.
+        slope: tangent of the angle between the line and the other axis, in [0, 1].
+
+    Returns:
+        1/2 - t up to t = (1 - m) / 2, then a parabola that reaches 0 at t = (1 + m) / 2.
+    """
+    near, far = 0.5 * (1 - slope), 0.5 * (1 + slope)
+    corner = 0.5 * (far - distance).clamp(min=0).square() / torch.where(slope > 0, slope, 1)
+    return torch.where(distance <= near, 0.5 - distance, corner)
+
+
+def shares(
+    crossings: Crossings, distance: Float[Tensor, " crossing"]
+) -> tuple[Float[Tensor, " crossing"], Float[Tensor, " crossing"]]:
+    """What the inner pixel takes of the outer one, and the outer of the inner one."""
+    weight, slope = 1 / (1 + crossings.slope**4), crossings.slope.clamp(max=1)
+    return weight * beyond(distance, slope), weight * beyond(1 - distance, slope)
 
 
 def blend(
     image: Float[Tensor, "row chan height width"],
     crossings: Crossings,
-    weights: Float[Tensor, " crossing"],
+    distance: Float[Tensor, " crossing"],
 ) -> Float[Tensor, "row chan height width"]:
-    """Blend pixel pairs across the contour; differentiable to image and weights."""
+    """Blend pixel pairs across the contour; differentiable to image and distances."""
     rows, channels, height, width = image.shape
     inner, outer = crossings.pixels(height, width)
-    target, source = torch.where(weights > 0, inner, outer), torch.where(weights > 0, outer, inner)
+    loss, gain = shares(crossings, distance)
     flat = image.movedim(1, -1).reshape(-1, channels)  # (pixel, chan)
-    difference = flat.index_select(0, source) - flat.index_select(0, target)
-    blended = flat.index_add(0, target, weights.abs().to(image.dtype)[:, None] * difference)
+    step = flat.index_select(0, outer) - flat.index_select(0, inner)
+    changes = torch.cat((loss.to(image.dtype)[:, None] * step, -gain.to(image.dtype)[:, None] * step))
+    blended = flat.index_add(0, torch.cat((inner, outer)), changes)
     return blended.reshape(rows, height, width, channels).movedim(-1, 1).contiguous()

@@ -14,11 +14,10 @@ from fauna.types import Fragments, Topology
 class NumbaRenderer(Renderer):
     """Draws CPU tensors in numba kernels; CUDA tensors, or any when numba is missing, by :class:`TorchRenderer`."""
 
-    def __init__(self, *, soft_edges: bool):
-        """See :class:`Renderer`. Warns if numba is missing."""
-        super().__init__(soft_edges=soft_edges)
-        self._torch = TorchRenderer(soft_edges=soft_edges)
-        self._cpu = _compiled(soft_edges) or self._torch
+    def __init__(self):
+        """Warns if numba is missing."""
+        self._torch = TorchRenderer()
+        self._cpu = _compiled() or self._torch
 
     def rasterize(
         self, clip_verts: Float[Tensor, "row vert 4"], faces: Int[Tensor, "face 3"], height: int, width: int
@@ -81,11 +80,11 @@ class NumbaRenderer(Renderer):
         return self._cpu if tensor.device.type == "cpu" else self._torch
 
 
-def _compiled(soft_edges: bool) -> Renderer | None:
+def _compiled() -> Renderer | None:
     """The kernels' renderer, or ``None`` and a warning when numba cannot be imported."""
     try:
         from fauna.renderer.compiled import CompiledRenderer
     except ImportError:
         warnings.warn("numba is not installed: rendering in torch, about 4x slower; pip install numba", stacklevel=3)
         return None
-    return CompiledRenderer(soft_edges=soft_edges)
+    return CompiledRenderer()

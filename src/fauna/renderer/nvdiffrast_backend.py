@@ -5,7 +5,8 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from fauna.errors import FaunaError
-from fauna.renderer.base import Renderer, check_attributes, check_mesh
+from fauna.renderer.base import Renderer
+from fauna.renderer.checks import check_attributes, check_mesh
 from fauna.renderer.contour import Contour
 from fauna.renderer.torch_backend import TorchRenderer
 from fauna.types import Fragments, Topology
@@ -18,13 +19,12 @@ class NvdiffrastRenderer(Renderer):
     the silhouette gradient when triangles are about pixel-sized.
     """
 
-    def __init__(self, *, soft_edges: bool):
-        """See :class:`Renderer`.
+    def __init__(self):
+        """Open nvdiffrast's CUDA context.
 
         Raises:
             FaunaError: nvdiffrast or CUDA is missing.
         """
-        super().__init__(soft_edges=soft_edges)
         if not torch.cuda.is_available():
             raise FaunaError(
                 "renderer=nvdiffrast needs a CUDA device, found none; use renderer=numba or renderer=torch"
@@ -36,7 +36,7 @@ class NvdiffrastRenderer(Renderer):
             raise FaunaError(message) from error
         self._nvdiffrast = nvdiffrast
         self._context = nvdiffrast.RasterizeCudaContext()
-        self._torch = TorchRenderer(soft_edges=soft_edges)
+        self._torch = TorchRenderer()
 
     def rasterize(
         self, clip_verts: Float[Tensor, "row vert 4"], faces: Int[Tensor, "face 3"], height: int, width: int

@@ -4,9 +4,10 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from fauna.renderer.base import Renderer, check_attributes, check_mesh
-from fauna.renderer.contour import Contour, make_contour
-from fauna.renderer.edges import blend, blend_weights, find_crossings
+from fauna.renderer.base import Renderer
+from fauna.renderer.checks import check_attributes, check_mesh, check_topology
+from fauna.renderer.contour import Contour
+from fauna.renderer.edges import blend, distances, find_crossings, shares
 from fauna.renderer.projection import to_screen
 from fauna.types import Fragments, Topology
 
@@ -66,10 +67,9 @@ class TorchRenderer(Renderer):
         topology: Topology,
     ) -> Float[Tensor, "row chan height width"]:
         """See :meth:`Renderer.antialias`."""
-        crossings = find_crossings(clip_verts, faces, topology, fragments.covered, fragments.depth, self.soft_edges)
-        height, width = image.shape[-2:]
-        weights = blend_weights(crossings, clip_verts, topology, height, width, self.soft_edges)
-        return blend(image, crossings, weights)
+        check_topology(topology, clip_verts, faces)
+        crossings = find_crossings(clip_verts, faces, topology, fragments.covered, fragments.depth)
+        return blend(image, crossings, distances(crossings, clip_verts, topology, *image.shape[-2:]))
 
     def contour(
         self,
@@ -79,10 +79,12 @@ class TorchRenderer(Renderer):
         topology: Topology,
     ) -> Contour:
         """See :meth:`Renderer.contour`."""
+        check_topology(topology, clip_verts, faces)
         _, height, width = fragments.face_index.shape
-        crossings = find_crossings(clip_verts, faces, topology, fragments.covered, fragments.depth, self.soft_edges)
-        weights = blend_weights(crossings, clip_verts, topology, height, width, self.soft_edges)
-        return make_contour(crossings, weights, height, width)
+        crossings = find_crossings(clip_verts, faces, topology, fragments.covered, fragments.depth)
+        inner, outer = crossings.pixels(height, width)
+        loss, gain = shares(crossings, distances(crossings, clip_verts, topology, height, width))
+        return Contour(torch.cat((inner, outer)), torch.cat((outer, inner)), torch.cat((loss, gain)))
 
     def silhouette(
         self,
@@ -94,10 +96,11 @@ class TorchRenderer(Renderer):
     ) -> Float[Tensor, "row height width"]:
         """See :meth:`Renderer.silhouette`."""
         check_mesh(clip_verts, faces, height, width)
+        check_topology(topology, clip_verts, faces)
         covered = nearest_faces(clip_verts, faces, height, width)[0] >= 0
-        crossings = find_crossings(clip_verts, faces, topology, covered, None, self.soft_edges)
-        weights = blend_weights(crossings, clip_verts, topology, height, width, self.soft_edges)
-        return blend(covered[:, None].to(clip_verts.dtype), crossings, weights).squeeze(1).clamp(0, 1)
+        crossings = find_crossings(clip_verts, faces, topology, covered, None)
+        distance = distances(crossings, clip_verts, topology, height, width)
+        return blend(covered[:, None].to(clip_verts.dtype), crossings, distance).squeeze(1).clamp(0, 1)
 
 
 @torch.no_grad()
