@@ -128,7 +128,7 @@ def covered(prediction):
 
     clip = torch.from_numpy(project(prediction.clip_from_world, prediction.verts))[None]
     faces = torch.from_numpy(np.ascontiguousarray(prediction.faces))
-    return NumbaRenderer(soft_edges=False).rasterize(clip, faces, SIZE, SIZE).covered[0].numpy()
+    return NumbaRenderer().rasterize(clip, faces, SIZE, SIZE).covered[0].numpy()
 
 
 def herd(count, category="dog", seed=0, **shape):

@@ -24,7 +24,7 @@ MISSED, SPILLED, BOTH = (214, 69, 65), (246, 196, 68), (150, 190, 160)
 CORRECT, WRONG = (34, 139, 80), (214, 40, 57)
 
 Picture = UInt8[np.ndarray, "cell cell 3"]
-RENDERER = NumbaRenderer(soft_edges=False)
+RENDERER = NumbaRenderer()
 
 
 def photograph(thumbnail: bytes) -> Picture:

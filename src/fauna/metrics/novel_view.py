@@ -28,7 +28,7 @@ def outlines(
     turned = np.einsum("vij,nj->vni", rotations, (mesh.verts - centre) / (1.02 * radius), optimize=False)
     clip = np.concatenate([turned * [1.0, -1.0, -1.0], np.ones((*turned.shape[:2], 1))], axis=2)
     faces = torch.from_numpy(mesh.faces.astype(np.int64))
-    seen = NumbaRenderer(soft_edges=False).rasterize(torch.from_numpy(clip), faces, SIZE, SIZE).covered
+    seen = NumbaRenderer().rasterize(torch.from_numpy(clip), faces, SIZE, SIZE).covered
     return seen.numpy()
 
 

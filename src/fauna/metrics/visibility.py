@@ -33,7 +33,7 @@ def visible_vertices(prediction: Prediction) -> Bool[np.ndarray, " vert"]:
     """True where a vertex belongs to a face that owns at least one of 256 x 256 pixels (as in the published evaluation)."""
     clip = torch.from_numpy(project(prediction.clip_from_world, prediction.verts))[None]
     faces = torch.from_numpy(prediction.faces.astype(np.int64))
-    seen = NumbaRenderer(soft_edges=False).rasterize(clip, faces, SIZE, SIZE).face_index
+    seen = NumbaRenderer().rasterize(clip, faces, SIZE, SIZE).face_index
     flags = np.zeros(len(prediction.verts), bool)
     flags[prediction.faces[np.unique(seen[seen >= 0].numpy())]] = True
     return flags
