@@ -2,6 +2,8 @@
 
 import torch
 
+from fauna.memory import keep_freed_memory
+
 
 def set_threads(threads: int | None) -> None:
     """Let torch and the compiled kernels use the same number of threads, from now on.
@@ -13,6 +15,7 @@ def set_threads(threads: int | None) -> None:
     Args:
         threads: number of threads; ``None`` = what torch uses now.
     """
+    keep_freed_memory()
     wanted = torch.get_num_threads() if threads is None else threads
     try:
         import numba
