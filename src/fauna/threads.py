@@ -8,6 +8,8 @@ from typing import TypeVar
 
 import torch
 
+from fauna.memory import keep_freed_memory
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -25,6 +27,7 @@ def set_threads(threads: int | None) -> None:
     Args:
         threads: number of threads; ``None`` = what torch uses now.
     """
+    keep_freed_memory()
     wanted = torch.get_num_threads() if threads is None else threads
     try:
         import numba

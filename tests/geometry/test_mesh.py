@@ -140,3 +140,16 @@ def test_paths_agree(monkeypatch):
         results.append((normals.detach(), leaf.grad))
     for one, other in zip(*results, strict=True):
         torch.testing.assert_close(one, other, atol=1e-5, rtol=1e-4)
+
+
+def test_bounds_are_remembered_until_the_tensor_changes(monkeypatch):
+    looked = []
+    monkeypatch.setattr(torch, "aminmax", lambda index, look=torch.aminmax: looked.append(1) or look(index))
+    faces = TETRAHEDRON.clone()
+    assert mesh.index_bounds(faces) == mesh.index_bounds(faces) == (0, 3)
+    assert len(looked) == 1
+    faces[0, 0] = 7
+    assert mesh.index_bounds(faces) == (0, 7)
+    assert mesh.index_bounds(faces[:0]) == (0, -1)
+    with torch.inference_mode():
+        assert mesh.index_bounds(TETRAHEDRON + 1) == (1, 4)

@@ -192,11 +192,13 @@ def move(clip, step, size):
     return torch.cat((xy, clip[..., 2:]), dim=-1)
 
 
-def test_silhouette_gradient_is_that_of_exact_coverage(renderer, blob, project):
-    """Translation and scale, with triangles of about a pixel: no bias, relative L2 error at most 3 %."""
+@pytest.mark.parametrize(("roughness", "tolerance"), [(0.0, 0.03), (0.01, 0.08)])
+def test_silhouette_gradient_is_that_of_exact_coverage(renderer, blob, project, roughness, tolerance):
+    """Translation and scale, with triangles of about a pixel: no bias, small relative L2 error, crumpled or not."""
     size = 128
     verts, faces = blob(64)
     assert len(faces) > 16000
+    verts = verts + roughness * torch.randn(verts.shape, generator=torch.Generator().manual_seed(2)).double()
     clip = project(verts, 3)
     i, j = torch.meshgrid(torch.arange(size), torch.arange(size), indexing="ij")
     weights = torch.stack(((i / 17.0).sin() + (j / 23.0).cos(), ((i + 2 * j) / 41.0).sin(), (i - j) / 64.0)).double()
@@ -209,5 +211,5 @@ def test_silhouette_gradient_is_that_of_exact_coverage(renderer, blob, project):
         sums = (weights * mask).sum(dim=(1, 2))
         found.append(torch.stack([torch.autograd.grad(total, step, retain_graph=True)[0] for total in sums]))
     found = torch.stack(found)
-    assert relative(found, truth) < 0.03
-    assert (found * truth).sum() / truth.square().sum() == pytest.approx(1, abs=0.02)
+    assert relative(found, truth) < tolerance
+    assert (found * truth).sum() / truth.square().sum() == pytest.approx(1, abs=tolerance)

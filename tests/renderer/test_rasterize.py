@@ -171,6 +171,33 @@ def test_no_faces(renderer):
     assert not clip.grad.any()
 
 
+def test_no_rows(renderer, soup):
+    clip, faces = soup(1, 4)
+    clip = clip[:0].requires_grad_()
+    fragments = renderer.rasterize(clip, faces, 4, 5)
+    image = renderer.interpolate(fragments, faces, torch.rand(1, 12, 2, dtype=torch.float64))
+    image = renderer.antialias(image, fragments, clip, faces, build_topology(faces))
+    silhouette = renderer.silhouette(clip, faces, 4, 5, build_topology(faces))
+    assert image.shape == (0, 2, 4, 5)
+    assert silhouette.shape == (0, 4, 5)
+
+
+def test_order_of_listed_pixels_does_not_matter(renderer, soup):
+    """Forward and gradients, for a list that jumps between images and repeats pixels."""
+    clip, faces = soup(3, 30)
+    order = torch.randperm(3 * 64, generator=torch.Generator().manual_seed(0))
+    weights = torch.rand(len(order), 2, dtype=torch.float64)
+    results = []
+    for pixels, factors in ((torch.arange(3 * 64), weights), (order, weights[order])):
+        leaf, attributes = clip.clone().requires_grad_(), torch.linspace(0, 1, 540, dtype=torch.float64).view(3, 90, 2)
+        attributes.requires_grad_()
+        fragments = renderer.rasterize(leaf, faces, 8, 8)
+        values = renderer.interpolate_at(fragments, faces, attributes, pixels)
+        results.append(torch.autograd.grad((values * factors).sum(), (leaf, attributes)))
+    for one, other in zip(*results, strict=True):
+        torch.testing.assert_close(one, other, atol=1e-10, rtol=1e-9)
+
+
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_backends_agree(soup, blob, project, dtype):
     verts, faces = blob(12)
@@ -222,9 +249,11 @@ def test_messages(renderer, soup, monkeypatch):
         renderer.interpolate(fragments, faces, torch.rand(3, 9, 2))
     with pytest.raises(FaunaError, match="cover vertex 8, got 8 vertices"):
         renderer.interpolate(fragments, faces, torch.rand(2, 8, 2))
+    with pytest.raises(FaunaError, match=r"pixels must lie in 0\.\.127, got 3\.\.128"):
+        NumbaRenderer().interpolate_at(fragments, faces, torch.rand(2, 9, 2), torch.tensor([3, 128]))
     topology = build_topology(torch.tensor([[0, 1, 9]]))
     with pytest.raises(FaunaError, match="9 vertices, got index 9; rebuild it"):
-        NumbaRenderer().silhouette(clip, faces, 8, 8, topology)
+        renderer.silhouette(clip, faces, 8, 8, topology)
     monkeypatch.setattr(nvdiffrast_backend.torch.cuda, "is_available", lambda: False)
     with pytest.raises(FaunaError, match="needs a CUDA device"):
         NvdiffrastRenderer()

@@ -15,7 +15,6 @@ except ImportError:
     kernels = None
 
 MIN_SQUARED_LENGTH = 1e-20  # of a normal before normalisation, (twice the area)^2
-FALLBACK_NORMAL = (0.0, 0.0, 1.0)
 _known_bounds = WeakTensorKeyDictionary()  # tensor -> (version, bounds)
 
 
@@ -111,11 +110,12 @@ def _area_vectors(verts: Tensor, faces: Tensor) -> Tensor:
 
 
 def _normalize(vectors: Tensor) -> Tensor:
-    """Unit vectors along the last axis; the fallback, without gradient, where the length vanishes."""
+    """Unit vectors along the last axis; (0, 0, 1), without gradient, where the length vanishes."""
     square = vectors.square().sum(dim=-1, keepdim=True)
     degenerate = square <= MIN_SQUARED_LENGTH
     unit = vectors * torch.where(degenerate, 1.0, square).rsqrt()
-    return torch.where(degenerate, vectors.new_tensor(FALLBACK_NORMAL), unit)
+    fallback = (torch.arange(3, device=vectors.device) == 2).to(vectors.dtype)
+    return torch.where(degenerate, fallback, unit)
 
 
 class _SumFaceNormals(torch.autograd.Function):

@@ -34,8 +34,16 @@ def _shares(place):
 
 
 @njit(cache=True, error_model="numpy")
+def _copy(source, target):
+    """Plain loops compile several times faster than the assignment of slices."""
+    for channel in range(source.shape[0]):
+        for pixel in range(source.shape[1]):
+            target[channel, pixel] = source[channel, pixel]
+
+
+@njit(cache=True, error_model="numpy")
 def _blend_image(image, height, width, cell, place, out):
-    out[:] = image
+    _copy(image, out)
     for k in range(cell.shape[0]):
         _, inner, outer = _pair(cell[k], place[k, 0], height, width)
         loss, gain, _, _ = _shares(place[k])
@@ -77,7 +85,7 @@ def _to_ends(clip, edges, edge, axis, cell, place, height, width, grad_distance,
 
 @njit(cache=True, error_model="numpy")
 def _blend_image_backward(image, clip, edges, height, width, cell, edge, place, grad, grad_image, grad_clip):
-    grad_image[:] = grad
+    _copy(grad, grad_image)
     grad_clip[:] = 0.0
     for k in range(cell.shape[0]):
         axis, inner, outer = _pair(cell[k], place[k, 0], height, width)

@@ -104,11 +104,15 @@ def _draw(screen, faces, start, stop, ids, depth, z_test):
 @njit(cache=True, error_model="numpy")
 def _draw_band(clip, screen, faces, start, stop, ids, depth, barycentrics):
     """Everything that is seen in the pixel rows [start, stop) of one image."""
-    ids[start:stop] = -1
-    z_buffer = np.empty((stop - start, ids.shape[1]), np.float64)
-    z_buffer[:] = np.inf
+    width = ids.shape[1]
+    z_buffer = np.empty((stop - start, width), np.float64)
+    for i in range(start, stop):
+        for j in range(width):
+            ids[i, j], z_buffer[i - start, j] = -1, np.inf
     _draw(screen, faces, start, stop, ids, z_buffer, True)
-    depth[start:stop] = z_buffer
+    for i in range(start, stop):
+        for j in range(width):
+            depth[i, j] = z_buffer[i - start, j]
     fill_rows(clip, faces, ids, start, stop, barycentrics)
 
 

@@ -83,7 +83,7 @@ def find_crossings(
     span = (ends[:, 1, :2] - ends[:, 0, :2]).abs()
     found = []
     for axis in (0, 1):
-        chosen = valid & (span[:, 1 - axis] > 0)
+        chosen = (valid & (span[:, 1 - axis] > 0)).nonzero().squeeze(1)
         found.append(_cross_lines(axis, rows[chosen], edges[chosen], ends[chosen], covered, depth))
     crossings = Crossings(*(torch.cat(parts) for parts in zip(*found, strict=True)))
     return _keep_outermost(crossings, 2 * covered.numel())
@@ -119,7 +119,7 @@ def _cross_lines(
     delta_along, delta_across = along[:, 1] - along[:, 0], across[:, 1] - across[:, 0]
     s = (line - along[source, 0]) / delta_along[source]
     position = across[source, 0] + s * delta_across[source]
-    inside = (position >= 0) & (position < cells - 1)
+    inside = ((position >= 0) & (position < cells - 1)).nonzero().squeeze(1)
     source, line, s, position = source[inside], line[inside], s[inside], position[inside]
     cell = position.floor().long()
     pixel = line * width + cell if axis == 0 else cell * width + line
@@ -135,15 +135,17 @@ def _cross_lines(
     offset = torch.where(inner_first, position - cell, position - cell - 1)
     flat = (2 * rows[source] + axis) * (height * width) + pixel
     slope = (delta_across / delta_along).abs()[source]
-    return flat[accepted], edges[source][accepted], offset[accepted], slope[accepted]
+    kept = accepted.nonzero().squeeze(1)
+    return flat[kept], edges[source[kept]], offset[kept], slope[kept]
 
 
 def _keep_outermost(found: Crossings, cell_count: int) -> Crossings:
     """Per pair the crossing farthest from the inner pixel, the first edge of equals."""
     cell, edge, extent = found.cell, found.edge, found.offset.abs()
     farthest = extent.new_full((cell_count,), -1.0).scatter_reduce(0, cell, extent, "amax")
-    lowest = torch.full((cell_count,), torch.iinfo(torch.long).max, device=cell.device)
-    lowest = lowest.scatter_reduce(0, cell, edge.where(extent == farthest[cell], lowest[0]), "amin")
+    lowest_of_none = torch.iinfo(torch.long).max
+    lowest = torch.full((cell_count,), lowest_of_none, device=cell.device)
+    lowest = lowest.scatter_reduce(0, cell, edge.masked_fill(extent < farthest[cell], lowest_of_none), "amin")
     keep = ((edge == lowest[cell]) & (extent == farthest[cell])).nonzero().squeeze(1)
     order = keep[cell[keep].argsort()]
     return Crossings(cell[order], edge[order], found.offset[order], found.slope[order])

@@ -44,7 +44,7 @@ class Interpolate(torch.autograd.Function):
         ctx.save_for_backward(attributes, barycentrics, faces, face_index)
         rows, height, width = face_index.shape
         image = interpolation.interpolate(*_by_pixel(attributes, barycentrics, faces, face_index))
-        return torch.from_numpy(image).view(rows, -1, height, width)
+        return torch.from_numpy(image).view(rows, attributes.shape[2], height, width)
 
     @staticmethod
     @once_differentiable

@@ -1,4 +1,11 @@
-"""The readable reference backend: vectorised torch, any device with float64."""
+"""The readable reference backend: vectorised torch, any device with float64.
+
+No loop runs over images, nothing is copied from the host, and every operation is deterministic or has a deterministic
+form (``torch.use_deterministic_algorithms``). What remains to wait for on a GPU are the sizes that depend on the data:
+of triangles with pixels, of samples and of hits in :func:`nearest_faces`; of covered pixels, once for the barycentrics
+and once in each dense interpolation; of silhouette edges, of crossings before and after selection for each axis, and
+of kept crossings in ``fauna.renderer.edges``; and the bounds of a new mesh's indices, once.
+"""
 
 import torch
 from jaxtyping import Float, Int
@@ -37,7 +44,7 @@ class TorchRenderer(Renderer):
         pixels = fragments.covered.reshape(-1).nonzero().squeeze(1)
         values = self.interpolate_at(fragments, faces, attributes, pixels)
         image = values.new_zeros(rows * height * width, values.shape[1]).index_copy(0, pixels, values)
-        return image.reshape(rows, height, width, -1).movedim(-1, 1).contiguous()
+        return image.reshape(rows, height, width, attributes.shape[2]).movedim(-1, 1).contiguous()
 
     def interpolate_at(
         self,
@@ -53,7 +60,8 @@ class TorchRenderer(Renderer):
         weights = fragments.barycentrics.reshape(-1, 3).index_select(0, pixels)
         if not len(faces):
             return weights.new_zeros(len(pixels), channels)
-        row = (pixels // fragments.face_index[0].numel()).clamp(max=sets - 1)
+        _, height, width = fragments.face_index.shape
+        row = (pixels // (height * width)).clamp(max=sets - 1)
         corners = faces[face.clamp(min=0)] + (row * verts)[:, None]  # (pixel, 3); background has weights 0
         values = attributes.reshape(-1, channels).index_select(0, corners.reshape(-1)).reshape(-1, 3, channels)
         return (weights[..., None] * values).sum(dim=1)
@@ -113,10 +121,10 @@ def nearest_faces(
     """
     rows = clip_verts.shape[0]
     corners = to_screen(clip_verts, height, width, snap=True)[:, faces]  # (row, face, 3, 3)
-    size = corners.new_tensor((width, height))
-    first = torch.minimum(corners[..., :2].amin(2).ceil().clamp(min=0), size).nan_to_num(0)
-    last = torch.maximum(torch.minimum(corners[..., :2].amax(2).floor(), size - 1), first - 1).nan_to_num(-1)
-    extent = (last - first + 1).long()  # (row, face, 2)
+    low, high = corners[..., :2].amin(2).ceil(), corners[..., :2].amax(2).floor()  # (row, face, 2)
+    first = torch.stack((low[..., 0].clamp(0, width), low[..., 1].clamp(0, height)), dim=-1).nan_to_num(0)
+    last = torch.stack((high[..., 0].clamp(max=width - 1), high[..., 1].clamp(max=height - 1)), dim=-1)
+    extent = (torch.maximum(last, first - 1).nan_to_num(-1) - first + 1).long()
     area = _cross(corners[..., 1, :2] - corners[..., 0, :2], corners[..., 2, :2] - corners[..., 0, :2])
     counts = (extent[..., 0] * extent[..., 1]) * (area.abs() > MIN_AREA2)
     row, face = counts.nonzero(as_tuple=True)
@@ -125,15 +133,16 @@ def nearest_faces(
 
     depth = corners.new_full((rows * height * width,), torch.inf)
     nearest = torch.full_like(depth, -1, dtype=torch.long)
-    for part in _chunks(counts):
-        triangle = torch.repeat_interleave(counts[part]) + part.start
+    for part, samples in _chunks(counts):
+        triangle = torch.repeat_interleave(counts[part], output_size=samples) + part.start
         index = torch.arange(len(triangle), device=faces.device)
         index = index - (counts[part].cumsum(0) - counts[part])[triangle - part.start]
         j = first[triangle, 0] + index % extent[triangle, 0]
         i = first[triangle, 1] + index // extent[triangle, 0]
         z, hit = _test_centres(corners[triangle], area[triangle], torch.stack((j, i), dim=1))
+        hit = hit.nonzero().squeeze(1)
         pixel = ((row[triangle] * height + i) * width + j)[hit]
-        _keep_nearest(depth, nearest, pixel, z[hit], face[triangle][hit])
+        _keep_nearest(depth, nearest, pixel, z[hit], face[triangle[hit]])
     return nearest.reshape(rows, height, width), depth.reshape(rows, height, width)
 
 
@@ -142,18 +151,19 @@ def _cross(a: Tensor, b: Tensor) -> Tensor:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def _chunks(counts: Tensor) -> list[slice]:
-    """Consecutive ranges of triangles with about ``CHUNK`` pixel centres each."""
+def _chunks(counts: Tensor) -> list[tuple[slice, int]]:
+    """Consecutive ranges of triangles with about ``CHUNK`` pixel centres each, and how many these are."""
     if not len(counts):
         return []
     total = counts.cumsum(0)
+    samples = int(total[-1])
+    if samples <= CHUNK:
+        return [(slice(0, len(counts)), samples)]
     group = torch.div(total - counts, CHUNK, rounding_mode="floor")
-    sizes = torch.unique_consecutive(group, return_counts=True)[1].tolist()
-    ranges, start = [], 0
-    for size in sizes:
-        ranges.append(slice(start, start + size))
-        start += size
-    return ranges
+    sizes = torch.unique_consecutive(group, return_counts=True)[1].cumsum(0)
+    stops, ends = sizes.tolist(), total[sizes - 1].tolist()
+    starts, before = [0, *stops[:-1]], [0, *ends[:-1]]
+    return [(slice(*bounds), end - start) for *bounds, start, end in zip(starts, stops, before, ends, strict=True)]
 
 
 def _test_centres(corners: Tensor, area: Tensor, centre: Tensor) -> tuple[Tensor, Tensor]:
@@ -173,8 +183,7 @@ def _keep_nearest(depth: Tensor, nearest: Tensor, pixel: Tensor, z: Tensor, face
     last = torch.iinfo(torch.long).max
     nearest.masked_fill_((updated < depth) | (nearest < 0), last)
     depth.copy_(updated)
-    ties = z == depth[pixel]
-    nearest.scatter_reduce_(0, pixel[ties], face[ties], "amin")
+    nearest.scatter_reduce_(0, pixel, face.masked_fill(z != depth[pixel], last), "amin")
     nearest.masked_fill_(nearest == last, -1)
 
 
