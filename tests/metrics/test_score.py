@@ -128,7 +128,7 @@ def test_a_crop_beside_the_optical_axis_costs_nothing():
     for key in ("azimuth_error_deg", "elevation_error_deg"):
         assert rows[key]["value"] == pytest.approx(0, abs=1e-6), key
     assert rows["chamfer"]["value"] < 0.004  # 7 degrees off its axis the photo's scale differs by 1 %
-    assert rows["novel_view_iou"]["value"] > 0.97
+    assert rows["novel_view_iou"]["value"] > 0.94
 
 
 def test_known_errors(flock):
