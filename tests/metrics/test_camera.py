@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fauna.errors import FaunaError
 from fauna.metrics.camera import crop_camera, front_back_flip, left_right_flip, viewpoint, wrap_degrees
 from fauna.metrics.visibility import to_ndc
 from tests.metrics.animals import camera
@@ -44,6 +45,11 @@ def test_crop_camera_looks_through_the_centre_of_the_crop():
     step = np.linalg.inv(turned) @ [0.01, 0, -7, 1]
     assert to_ndc(cut @ clip, step[None, :3])[0, 0] == pytest.approx(focal * 0.01 / 7, rel=0.02)
     np.testing.assert_allclose(turned[:3, :3] @ turned[:3, :3].T, np.eye(3), atol=1e-12)
+
+
+def test_a_camera_without_perspective_is_refused():
+    with pytest.raises(FaunaError, match="expected a perspective camera, got one whose w is constant"):
+        crop_camera(np.eye(4), np.eye(4))
 
 
 def test_wrap():

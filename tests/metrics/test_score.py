@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fauna.errors import FaunaError
 from fauna.metrics.score import score, score_transfer
 from fauna.metrics.transfer import transfer_canonical
+from fauna.metrics.visibility import to_ndc
 from tests.metrics.animals import NAMES, animal, camera, herd
 
 OPTIONS = {"seed": 0, "pairs": 40, "bootstrap": 30}
@@ -109,6 +111,24 @@ def test_a_species_scores_the_same_alone(flock, scores):
         [p for p in predictions if p.category == "dog"], [s for s in samples if s.category == "dog"], **OPTIONS
     )
     assert alone["species"]["dog"] == scores["species"]["dog"]
+
+
+def test_a_crop_beside_the_optical_axis_costs_nothing():
+    """The truth's photo has the animal off its axis; a model sees the crop alone, from a camera of its own focal length and distance."""
+    prediction, sample = animal("a", azimuth_deg=50.0)
+    turn = Rotation.from_rotvec((4.0, -6.0, 0.0), degrees=True).as_matrix()
+    view = np.eye(4)
+    view[:3, :3], view[:3, 3] = turn @ prediction.camera_from_world[:3, :3], turn @ prediction.camera_from_world[:3, 3]
+    clip = prediction.clip_from_world @ np.linalg.inv(prediction.camera_from_world) @ view
+    centre = to_ndc(clip, np.linalg.inv(prediction.camera_from_world)[None, :3, :] @ np.array([0.0, 0, -10, 1]))[0]
+    cut = np.eye(4)
+    cut[:2, 3] = -centre
+    truth = replace(sample.truth, camera_from_world=view, clip_from_world=cut @ clip, azimuth_deg=0.0)
+    rows = score([prediction], [replace(sample, truth=truth, keypoints=None)], **OPTIONS)["metrics"]
+    for key in ("azimuth_error_deg", "elevation_error_deg"):
+        assert rows[key]["value"] == pytest.approx(0, abs=1e-6), key
+    assert rows["chamfer"]["value"] < 0.004  # 7 degrees off its axis the photo's scale differs by 1 %
+    assert rows["novel_view_iou"]["value"] > 0.94
 
 
 def test_known_errors(flock):

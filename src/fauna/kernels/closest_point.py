@@ -83,41 +83,57 @@ def nearest_in_group(points, starts, stops, corners, centres, radii):
 
 
 @njit(cache=True)
-def build_tree(corners):
-    """Bounding boxes of a balanced binary tree over triangles.
+def morton_codes(corners):
+    """Place of each triangle's centre on a space-filling curve (1024 cells per axis): near codes are near in space."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for k in range(len(corners)):
+        for axis in range(3):
+            value = corners[k, 0, axis] + corners[k, 1, axis] + corners[k, 2, axis]
+            low[axis], high[axis] = min(low[axis], value), max(high[axis], value)
+    codes = np.zeros(len(corners), np.int64)
+    for k in range(len(corners)):
+        for axis in range(3):
+            value = corners[k, 0, axis] + corners[k, 1, axis] + corners[k, 2, axis]
+            extent = max(high[axis] - low[axis], 1e-300)
+            cell = min(np.int64((value - low[axis]) / extent * 1024.0), 1023)
+            for bit in range(10):
+                codes[k] |= ((cell >> bit) & 1) << (3 * bit + axis)
+    return codes
+
+
+@njit(cache=True)
+def build_tree(corners, order):
+    """Bounding boxes of a balanced binary tree over triangles in a spatial order.
 
     Returns:
-        ``order``: triangles, those of a node side by side. ``ranges``: (node, 2) places in ``order``. ``boxes``: (node, 2, 3) least
-        and greatest corner. The children of node i are 2 i + 1 and 2 i + 2; nodes of at most ``LEAF`` triangles have none.
+        ``ranges``: (node, 2) places in ``order``; ``boxes``: (node, 2, 3) least and greatest corner. The children of node i are 2 i + 1
+        and 2 i + 2; nodes of at most ``LEAF`` triangles have none.
     """
-    number = len(corners)
     inner = 1
-    while number > inner * LEAF:
+    while len(corners) > inner * LEAF:
         inner *= 2
     ranges = np.zeros((2 * inner - 1, 2), np.int64)
+    ranges[0, 1] = len(corners)
+    for node in range(inner - 1):
+        start, stop = ranges[node]
+        ranges[2 * node + 1] = start, (start + stop) // 2
+        ranges[2 * node + 2] = (start + stop) // 2, stop
     boxes = np.empty((2 * inner - 1, 2, 3))
-    order = np.arange(number)
-    ranges[0, 1] = number
-    for node in range(2 * inner - 1):
-        start, stop = ranges[node, 0], ranges[node, 1]
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        for place in range(start, stop):
-            for corner in range(3):
-                for axis in range(3):
-                    value = corners[order[place], corner, axis]
-                    low[axis], high[axis] = min(low[axis], value), max(high[axis], value)
-        boxes[node, 0], boxes[node, 1] = low, high
-        if 2 * node + 2 < len(ranges):
-            axis = np.argmax(high - low)
-            members = order[start:stop]
-            keys = np.empty(stop - start)
-            for k in range(stop - start):
-                keys[k] = corners[members[k], 0, axis] + corners[members[k], 1, axis] + corners[members[k], 2, axis]
-            order[start:stop] = members[np.argsort(keys, kind="mergesort")]
-            middle = (start + stop) // 2
-            ranges[2 * node + 1, 0], ranges[2 * node + 1, 1] = start, middle
-            ranges[2 * node + 2, 0], ranges[2 * node + 2, 1] = middle, stop
-    return order, ranges, boxes
+    boxes[:, 0], boxes[:, 1] = np.inf, -np.inf
+    for node in range(2 * inner - 2, -1, -1):
+        if node >= inner - 1:
+            for place in range(ranges[node, 0], ranges[node, 1]):
+                for corner in range(3):
+                    for axis in range(3):
+                        value = corners[order[place], corner, axis]
+                        boxes[node, 0, axis] = min(boxes[node, 0, axis], value)
+                        boxes[node, 1, axis] = max(boxes[node, 1, axis], value)
+        if node > 0:
+            parent = (node - 1) // 2
+            for axis in range(3):
+                boxes[parent, 0, axis] = min(boxes[parent, 0, axis], boxes[node, 0, axis])
+                boxes[parent, 1, axis] = max(boxes[parent, 1, axis], boxes[node, 1, axis])
+    return ranges, boxes
 
 
 @njit(cache=True)

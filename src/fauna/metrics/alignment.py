@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from fauna.data.truth import Truth3D
 from fauna.evaluation.prediction import Prediction
@@ -81,14 +81,14 @@ def iterate_closest_points(
 
     Correspondences go both ways, so that a small goal cannot be matched by shrinking to a point of it.
     """
-    tree = cKDTree(goal)
+    tree = KDTree(goal)
     start = points
     for _ in range(ICP_STEPS):
         forth = tree.query(points)[1]
-        back = cKDTree(points).query(goal)[1]
+        back = KDTree(points).query(goal)[1]
         scale, rotation, shift = procrustes(np.concatenate([start, start[back]]), np.concatenate([goal[forth], goal]))
         points = scale * start @ rotation.T + shift
-    forth, back = tree.query(points)[0], cKDTree(points).query(goal)[0]
+    forth, back = tree.query(points)[0], KDTree(points).query(goal)[0]
     return points, float((forth**2).mean() + (back**2).mean())
 
 

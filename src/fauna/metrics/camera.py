@@ -8,6 +8,8 @@ through the crop's centre. For a camera that looks at the crop's centre already,
 import numpy as np
 from jaxtyping import Float
 
+from fauna.errors import FaunaError
+
 
 def crop_camera(
     camera_from_world: Float[np.ndarray, "4 4"], clip_from_world: Float[np.ndarray, "4 4"]
@@ -17,9 +19,16 @@ def crop_camera(
     Returns:
         ``crop_from_world``: x right, y up, looks along -z through the centre of the crop.
         ``focal``: NDC units per unit of x / -z near the centre.
+
+    Raises:
+        FaunaError: the projection has no perspective.
     """
     camera_from_world = camera_from_world.astype(np.float64)
     clip_from_camera = clip_from_world.astype(np.float64) @ np.linalg.inv(camera_from_world)
+    if not clip_from_camera[3, :3].any():
+        raise FaunaError(
+            "expected a perspective camera, got one whose w is constant; store clip_from_world with perspective"
+        )
     ray = np.cross(clip_from_camera[0, :3], clip_from_camera[1, :3])  # where NDC x and y are both 0
     ray *= np.sign(clip_from_camera[3, :3] @ ray) / np.linalg.norm(ray)
     turn = np.eye(4)
@@ -30,9 +39,10 @@ def crop_camera(
 
 
 def viewpoint(camera_from_world: Float[np.ndarray, "4 4"]) -> tuple[float, float]:
-    """Azimuth and elevation in degrees, as in :class:`~fauna.data.truth.Truth3D`: where the camera stands in the animal's frame.
+    """Azimuth and elevation in degrees: where a camera stands in the animal's frame, looking back along its axis.
 
-    Azimuth 0: the animal faces the camera, 90: it heads to the right of the image. A roll of the camera changes neither.
+    Azimuth 0: the animal faces the camera, 90: it heads to the right of the image. A roll of the camera changes neither. Of a photo's
+    camera these are the angles of :class:`~fauna.data.truth.Truth3D`; of its crop camera, what the crop shows.
     """
     toward = camera_from_world[2, :3].astype(np.float64)  # the camera's backward axis in world coordinates
     toward = toward / np.linalg.norm(toward)

@@ -110,7 +110,7 @@ def _mixture(matrix: Float[np.ndarray, "row point"]) -> Float[np.ndarray, " poin
     """
     rows, points = matrix.shape
     if rows > points:
-        matrix = np.linalg.qr(matrix, mode="r")
+        matrix = np.asarray(np.linalg.qr(matrix, mode="r"))
     system = np.concatenate([matrix, np.ones((1, points))])
     goal = np.zeros(len(system))
     goal[-1] = 1.0

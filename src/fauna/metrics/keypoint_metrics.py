@@ -64,7 +64,9 @@ def pair_outcome(
     names = cases[0].sample.keypoint_names
     keypoints = np.stack([annotated(case.sample) for case in cases])
     chosen = np.flatnonzero(keypoints[..., 2].any(axis=1))
-    drawn = chosen[ordered_pairs([cases[i].sample.name for i in chosen], count=options.pairs, seed=options.seed)]
+    drawn = chosen[
+        ordered_pairs([cases[i].sample.name for i in chosen.tolist()], count=options.pairs, seed=options.seed)
+    ]
     usable = np.array([fault is None for fault in faults])
     pairs = drawn[usable[drawn].all(axis=1)]
     predicted = transfer(pairs) if len(pairs) else np.zeros((0, len(names), 2))
@@ -84,16 +86,16 @@ def map_metric(cases: Sequence[Case], options: Options) -> Outcome:
     With the setting ``fit_on_test`` also ``pck@0.1_fit_on_test``: fitted and tested on all photos, as the paper seems to do.
     """
     keypoints = np.stack([annotated(case.sample) for case in cases])
-    shown = keypoints[..., 2].any(axis=1)
+    shown: np.ndarray = keypoints[..., 2].max(axis=1, initial=0.0) > 0
     usable = shown & np.array([case.fault is None for case in cases])
     fit = np.zeros(len(cases), bool)
-    fit[shown] = in_fit_half([cases[i].sample.name for i in np.flatnonzero(shown)], seed=options.seed)
+    fit[shown] = in_fit_half([cases[i].sample.name for i in np.flatnonzero(shown).tolist()], seed=options.seed)
     positions = _positions(cases, usable, fit & usable)
     found = _mapped(cases, keypoints, usable, fit & usable, positions)
     test = usable & ~fit
     reasons: list[str | None] = [
-        _map_reason(case, bool(s), bool(f), bool((fit & usable).any()))
-        for case, s, f in zip(cases, shown, fit, strict=True)
+        _map_reason(case, s, f, bool((fit & usable).any()))
+        for case, s, f in zip(cases, shown.tolist(), fit.tolist(), strict=True)
     ]
     tallies = {PCK_KEY: _map_tally(cases, keypoints, found, test)}
     left_out = _uncounted(cases, PCK_KEY, tallies[PCK_KEY], reasons)
@@ -103,7 +105,7 @@ def map_metric(cases: Sequence[Case], options: Options) -> Outcome:
     if "fit_on_test" in options.settings:
         everywhere = _mapped(cases, keypoints, usable, usable, positions)
         tallies[PCK_ON_TEST] = _map_tally(cases, keypoints, everywhere, usable)
-        whole = [_map_reason(case, bool(s), False, True) for case, s in zip(cases, shown, strict=True)]
+        whole = [_map_reason(case, s, False, True) for case, s in zip(cases, shown.tolist(), strict=True)]
         left_out += _uncounted(cases, PCK_ON_TEST, tallies[PCK_ON_TEST], whole)
     return Outcome(tallies, left_out)
 
@@ -115,8 +117,8 @@ def _positions(
     chosen = np.flatnonzero(fit if fit.any() else usable)
     if not len(chosen):
         return np.zeros((0, 0, 3))
-    reference = reference_places(cases[chosen[0]].mesh, count=REFERENCE_POINTS)
-    return resample([cases[i].mesh for i in np.flatnonzero(usable)], reference)
+    reference = reference_places(cases[int(chosen[0])].mesh, count=REFERENCE_POINTS)
+    return resample([case.mesh for case, use in zip(cases, usable.tolist(), strict=True) if use], reference)
 
 
 def _mapped(
@@ -129,7 +131,7 @@ def _mapped(
     """3D keypoints of every usable photo, NaN elsewhere and for what cannot be fitted."""
     found = np.full(keypoints.shape, np.nan)
     if fit.any():
-        meshes = [cases[i].mesh for i in np.flatnonzero(usable)]
+        meshes = [case.mesh for case, use in zip(cases, usable.tolist(), strict=True) if use]
         found[usable] = map_keypoints(meshes, keypoints[usable], fit[usable], positions)
     return found
 
@@ -142,7 +144,7 @@ def _map_tally(
 ) -> Tally:
     counts = (keypoints[..., 2] > 0) & test[:, None] & np.isfinite(found).all(axis=2)
     correct = np.zeros(counts.shape, bool)
-    for i in np.flatnonzero(test):
+    for i in np.flatnonzero(test).tolist():
         error = np.linalg.norm(to_ndc(cases[i].mesh.clip_from_world, found[i]) - keypoints[i, :, :2], axis=1)
         correct[i] = error <= THRESHOLD * NDC_PER_CROP  # False for NaN
     owners = np.arange(len(cases))[:, None]
@@ -163,10 +165,10 @@ def _pa_value(case: Case, found: Float[np.ndarray, "key 3"]) -> float | str:
 
 
 def _uncounted(cases: Sequence[Case], key: str, tally: Tally, reasons: Sequence[str | None]) -> list[LeftOut]:
-    counted = tally.counts.any(axis=1)
+    counted = tally.counts.max(axis=1, initial=0.0) > 0
     rows = [
         None if seen else reason or "none of its keypoints is seen where the map is fitted"
-        for seen, reason in zip(counted, reasons, strict=True)
+        for seen, reason in zip(counted.tolist(), reasons, strict=True)
     ]
     return reasons_to_rows(cases, key, rows)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fauna.kernels.closest_point import build_tree, distances_to_surface
+from fauna.kernels.closest_point import build_tree, distances_to_surface, morton_codes
 from fauna.kernels.winding import crossings_along_z
 
 F_THRESHOLD = 0.05
@@ -65,7 +65,9 @@ def surface_points(mesh: Mesh, *, count: int, rng: np.random.Generator) -> Float
 def distances(points: Float[np.ndarray, "point 3"], mesh: Mesh) -> Float[np.ndarray, " point"]:
     """Exact distance from each point to the nearest point of a surface."""
     corners = mesh.corners
-    return distances_to_surface(np.ascontiguousarray(points, np.float64), corners, *build_tree(corners))
+    order = np.argsort(morton_codes(corners), kind="stable")
+    tree = build_tree(corners, order)
+    return distances_to_surface(np.ascontiguousarray(points, np.float64), corners, order, *tree)
 
 
 def chamfer_and_f_score(

@@ -95,7 +95,7 @@ def summarise(
         if np.isfinite(value):
             values.append(value)
             replicates.append(spread)
-    overall = _row(np.mean(values) if values else np.nan, _mean_ignoring_nan(replicates), *tallies.values())
+    overall = _row(float(np.mean(values)) if values else np.nan, _mean_ignoring_nan(replicates), *tallies.values())
     return overall, rows
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from fauna.data.truth import LEGS
 from fauna.geometry.skeleton import BONES_PER_LEG, NUM_BODY_BONES
 from fauna.metrics.alignment import ICP_POINTS, Aligned, align_camera, align_similarity
-from fauna.metrics.camera import front_back_flip, left_right_flip, viewpoint, wrap_degrees
+from fauna.metrics.camera import crop_camera, front_back_flip, left_right_flip, viewpoint, wrap_degrees
 from fauna.metrics.novel_view import novel_view_iou
 from fauna.metrics.outcome import Options, Outcome, per_image
 from fauna.metrics.sample import Case
@@ -38,29 +38,31 @@ def global_flip(cases: Mapping[str, Sequence[Case]]) -> bool | None:
     """
     means = []
     for of_species in cases.values():
-        errors = [_azimuth_error(case, flip=False) for case in of_species if _fault(case) is None]
-        if errors:
-            means.append(np.cos(np.radians(errors)).mean())
+        pairs = [_viewpoints(case, flip=False) for case in of_species if _fault(case) is None]
+        if pairs:
+            means.append(np.mean([np.cos(np.radians(predicted[0] - true[0])) for predicted, true in pairs]))
     return bool(np.mean(means) < 0) if means else None
 
 
 def viewpoint_metric(cases: Sequence[Case], options: Options) -> Outcome:
-    """Errors of azimuth and elevation in degrees, and the shares of photos within 30 degrees and of flips."""
+    """Errors of azimuth and elevation in degrees, and the shares of photos within 30 degrees and of flips.
+
+    Both viewpoints are those of the crop cameras: the angles that ``Truth3D`` records belong to the optical axis of the whole photo,
+    which a crop does not tell (a perfect model would be off by 2.7 degrees on the zoo).
+    """
 
     def measure(case: Case) -> dict[str, float | str]:
         fault = _fault(case)
         if fault is not None:
             return dict.fromkeys(VIEWPOINT_KEYS, fault)
-        truth = case.sample.truth
-        assert truth is not None
-        error = abs(_azimuth_error(case, options.flip))
-        predicted = truth.azimuth_deg + _azimuth_error(case, options.flip)
+        (azimuth, elevation), (true_azimuth, true_elevation) = _viewpoints(case, options.flip)
+        error = abs(wrap_degrees(azimuth - true_azimuth))
         values = (
             error,
             float(error <= 30),
-            abs(viewpoint(case.mesh.camera_from_world)[1] - truth.elevation_deg),
-            float(front_back_flip(predicted, truth.azimuth_deg)),
-            float(left_right_flip(predicted, truth.azimuth_deg)),
+            abs(elevation - true_elevation),
+            float(front_back_flip(azimuth, true_azimuth)),
+            float(left_right_flip(azimuth, true_azimuth)),
         )
         return dict(zip(VIEWPOINT_KEYS, values, strict=True))
 
@@ -147,10 +149,13 @@ def _part(mesh: Mesh, chosen: np.ndarray) -> Mesh | None:
     return part if len(part.faces) and face_areas(part).sum() > 0 else None
 
 
-def _azimuth_error(case: Case, flip: bool) -> float:
-    assert case.sample.truth is not None
-    azimuth = viewpoint(case.mesh.camera_from_world)[0] + (180.0 if flip else 0.0)
-    return wrap_degrees(azimuth - case.sample.truth.azimuth_deg)
+def _viewpoints(case: Case, flip: bool) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Azimuth and elevation of the predicted and of the true crop camera."""
+    truth, prediction = case.sample.truth, case.mesh
+    assert truth is not None
+    azimuth, elevation = viewpoint(crop_camera(prediction.camera_from_world, prediction.clip_from_world)[0])
+    true = viewpoint(crop_camera(truth.camera_from_world, truth.clip_from_world)[0])
+    return (azimuth + (180.0 if flip else 0.0), elevation), true
 
 
 def _fault(case: Case) -> str | None:
