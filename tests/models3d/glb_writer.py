@@ -136,15 +136,15 @@ def _nearest_joint(name: str, parents: dict[str, str | None], zoo: list[str]) ->
 def _clips(writer: Writer, names: list[str]) -> list[dict[str, Any]]:
     times = writer.add(np.array([0.0, 0.5, 1.0]), "f4")
     found = []
-    for clip, angle in (("Walk", 0.4), ("Death", 1.5), ("Turn", 0.0)):
+    for clip, angle in (("Walk", 0.4), ("Death", 1.5), ("Spin", 0.0)):
         channels, samplers = [], []
         for name in names:
-            if name.startswith(("FrontUpLeg", "BackUpLeg")) and clip != "Turn":
+            if name.startswith(("FrontUpLeg", "BackUpLeg")) and clip != "Spin":
                 sign = 1 if name.endswith("L") == name.startswith("Front") else -1
                 turns = [
                     (np.sin(0.5 * a), 0.0, 0.0, np.cos(0.5 * a)) for a in (sign * angle, -sign * angle, sign * angle)
                 ]
-            elif name == "root" and clip == "Turn":
+            elif name == "root" and clip == "Spin":
                 turns = [(0.0, np.sin(0.5 * a), 0.0, np.cos(0.5 * a)) for a in (0.5, 1.0, 1.5)]
             else:
                 continue

@@ -82,7 +82,7 @@ def test_legs_are_labelled_by_side_and_end(folder):
 
 def test_dead_clips_are_left_out(folder):
     animal = prepare(folder / "Pony.glb")
-    assert list(animal.clips) == ["Armature|Turn", "Armature|Walk"]
+    assert list(animal.clips) == ["Armature|Spin", "Armature|Walk"]
     rng = np.random.default_rng(0)
     drawn = [sample_moment(animal, rng) for _ in range(40)]
     assert {name for name, _ in drawn} == set(animal.clips)
@@ -92,7 +92,7 @@ def test_dead_clips_are_left_out(folder):
 
 def test_a_clip_that_turns_on_the_spot_does_not_turn_the_trunk(folder):
     animal = prepare(folder / "Pony.glb")
-    _, points = pose_animal(animal, PLAIN, "Armature|Turn", 0.3)
+    _, points = pose_animal(animal, PLAIN, "Armature|Spin", 0.3)
     moved = points - animal.keypoints
     np.testing.assert_allclose(moved, np.broadcast_to(moved.mean(0), moved.shape), atol=1e-6)  # a shift is left
 

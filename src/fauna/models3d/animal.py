@@ -19,8 +19,9 @@ from fauna.zoo.body import KEYPOINTS
 from fauna.zoo.products import dot
 from fauna.zoo.surface import vertex_normals
 
-LEFT_OUT = ("death", "die", "fall", "jump", "lay", "rest")
-"""Clips whose names contain one of these words are left out: dead or on its side, in the air for long, or no pose of life."""
+LEFT_OUT = ("death", "die", "fall", "jump", "lay", "rest", "turn")
+"""Clips whose names contain one of these words are left out: dead or on its side, in the air for long, no pose of
+life, or bent so far that a direction of view means little."""
 WITHERS, TAILBASE, NOSE = (KEYPOINTS.index(name) for name in ("withers", "tailbase", "nose"))
 
 
