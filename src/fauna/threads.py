@@ -9,12 +9,10 @@ from typing import TypeVar
 import torch
 
 from fauna.memory import keep_freed_memory
+from fauna.precision import cpu_flags
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-
-CPU_FLAGS = {"avx2": "avx2", "avx512f": "avx512_f", "avx512_bf16": "avx512_bf16", "amx_bf16": "amx_bf16"}
-"""Instruction sets that decide how fast convolutions and matrix products are: usual name -> torch's name."""
 
 
 def set_threads(threads: int | None) -> None:
@@ -73,12 +71,11 @@ def in_background(
 
 def describe_cpu() -> str:
     """Threads in use and the instruction sets that matter, e.g. ``2 threads, avx2 avx512f avx512_bf16 (no amx_bf16)``."""
-    known = torch.cpu.get_capabilities() if hasattr(torch.cpu, "get_capabilities") else {}
-    found = [flag for flag, name in CPU_FLAGS.items() if known.get(name)]
-    absent = [flag for flag, name in CPU_FLAGS.items() if name in known and not known[name]]
-    flags = " ".join(found) + (f" (no {', '.join(absent)})" if absent else "")
+    flags = cpu_flags()
+    found, absent = ([flag for flag, has in flags.items() if has is wanted] for wanted in (True, False))
+    text = " ".join(found) + (f" (no {', '.join(absent)})" if absent else "")
     count = torch.get_num_threads()
-    return f"{count} thread{'s' if count != 1 else ''}, {flags or 'instruction sets unknown'}"
+    return f"{count} thread{'s' if count != 1 else ''}, {text or 'instruction sets unknown'}"
 
 
 def _single_threaded() -> None:
