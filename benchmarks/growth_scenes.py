@@ -1,7 +1,7 @@
 """A training system on synthetic photos, with every part ready to be timed by itself; used by ``growth.py``."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import torch
@@ -12,7 +12,7 @@ from fauna._conf import CONF_DIR
 from fauna.build import build_encoder, build_model, build_schedule, build_system
 from fauna.data.distance import distance_maps
 from fauna.data.fauna_folder import CategoryPhotos
-from fauna.data.photos import Photo
+from fauna.data.photos import Photo, PhotoSource, RawPhoto
 from fauna.random import Draws
 from fauna.renderer.deferred import render
 from fauna.system import FaunaSystem
@@ -144,7 +144,21 @@ class Scene:
         model.appearance.zero_grad()
 
 
+@dataclass(frozen=True)
+class NoFile(PhotoSource):
+    """Stands where a photo's pixels would come from."""
+
+    def read(self) -> RawPhoto:
+        """Never asked for."""
+        raise NotImplementedError
+
+    def content_key(self) -> str:
+        """Never asked for."""
+        raise NotImplementedError
+
+
 def listed(species: str, photos: int) -> CategoryPhotos:
     """Photos of a species that no file stands behind."""
     names = (f"{species}/train/photograph_{number:07d}" for number in range(photos))
-    return CategoryPhotos(species, train=tuple(Photo(name, species, name, source=None) for name in names))  # type: ignore[arg-type]
+    nowhere = NoFile()
+    return CategoryPhotos(species, train=tuple(Photo(name, species, name, source=nowhere) for name in names))

@@ -61,12 +61,15 @@ class BlendedMotion(torch.autograd.Function):
         """Gradients of vertices and matrices."""
         verts, columns, weights = ctx.saved_tensors
         to_verts, to_columns = torch.empty_like(verts), torch.zeros_like(columns)
-        shared = (0, 1) if verts.shape[0] == 1 else (1,)
         for block in vertex_blocks(verts.shape[1], 12 * columns.shape[0] * columns.shape[1], verts.device):
             matrix = _blended(columns, weights[..., block])
             out = grad[:, :, block].transpose(2, 3).contiguous()  # (photo, row, coordinate, vert)
-            summed = (matrix[:, :, :3] * out[:, :, None]).sum((*shared, 3), keepdim=True)  # (photo, 1, column, 1, vert)
-            to_verts[:, block] = summed.flatten(1, 3).transpose(1, 2)
+            to_rows = matrix[:, :, :3, 0] * out[:, :, 0:1]  # (photo, row, column, vert)
+            for coordinate in (1, 2):  # a sum over two axes at once is many times slower
+                to_rows.addcmul_(matrix[:, :, :3, coordinate], out[:, :, coordinate : coordinate + 1])
+            to_photos = to_rows.sum(1)
+            shared = verts.shape[0] == 1
+            to_verts[:, block] = (to_photos.sum(0, keepdim=True) if shared else to_photos).transpose(1, 2)
             for column, coordinate in enumerate(_coordinates(verts, block)):
                 torch.mul(out, coordinate, out=matrix[:, :, column])
             matrix[:, :, 3] = out

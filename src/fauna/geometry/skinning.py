@@ -6,6 +6,7 @@ from typing import Literal
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
+from torch.nn import functional as F
 
 from fauna.errors import FaunaError
 from fauna.geometry.blend import BlendedMotion, vertex_blocks
@@ -109,7 +110,7 @@ def rest_frames(skeleton: Skeleton) -> Float[Tensor, "batch bone 3 3"]:
     up = torch.stack((torch.zeros_like(y), z, -y), dim=-1)
     length = up.norm(dim=-1, keepdim=True)
     up = torch.where(length > 1e-4, up / length.clamp_min(1e-4), constant((0.0, 1.0, 0.0), bones))
-    right = torch.nn.functional.normalize(torch.linalg.cross(up, forward), dim=-1)
+    right = F.normalize(torch.linalg.cross(up, forward), dim=-1)
     return torch.stack((right, torch.linalg.cross(forward, right), forward), dim=-1)
 
 
