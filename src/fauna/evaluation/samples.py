@@ -33,7 +33,7 @@ def read_sample(photo: Photo, *, size: int, keypoint_names: Sequence[str]) -> tu
             "mend its annotation"
         )
     boxed = (
-        getattr(photo.source, "mask_source", "annotation") == "box"
+        photo.source.mask_source == "box"
     )  # a box is no mask: it must not be scored as one
     sample = Sample(
         name=photo.name,
