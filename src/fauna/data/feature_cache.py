@@ -144,7 +144,7 @@ class FeatureCache:
         """Encode a photo and its mirror image and store both records."""
         image = resize_image(photo.source.read().image, self.encoder.input_size)
         with one_thread():
-            features = self.encoder(torch.stack([image, image.flip(-1)]))
+            features = self.encoder.encode_together(torch.stack([image, image.flip(-1)]))
         parts = [features.global_, features.tokens.flatten(1)]
         if not self.encoder.keys_are_tokens:
             parts.append(features.keys.flatten(1))

@@ -60,12 +60,11 @@ class Encoder(nn.Module, ABC):
         """The frozen network."""
         return self._frozen[0]
 
-    @torch.no_grad()
     def forward(self, images: Float[Tensor, "batch 3 height width"]) -> Features:
         """Encode square images.
 
-        On a CPU one by one: that is as fast (activations stay in the cache), and what else is in the batch cannot change the
-        rounding of a photo's features.
+        On a CPU one by one, so that what else is in the batch cannot change the rounding of a photo's features; it costs
+        nothing, because the activations of one photo use the caches better.
 
         Args:
             images: (batch, 3, input_size, input_size) in [0, 1]; each encoder normalises them its own way.
@@ -76,19 +75,26 @@ class Encoder(nn.Module, ABC):
         Raises:
             FaunaError: if the images do not have the side ``input_size``.
         """
+        if self.device.type != "cpu" or len(images) == 1:
+            return self.encode_together(images)
+        singles = [self.encode_together(image[None]) for image in images]
+        tokens = torch.cat([each.tokens for each in singles])
+        keys = tokens if self.keys_are_tokens else torch.cat([each.keys for each in singles])
+        return Features(torch.cat([each.global_ for each in singles]), tokens, keys)
+
+    @torch.no_grad()
+    def encode_together(self, images: Float[Tensor, "batch 3 height width"]) -> Features:
+        """The same in one pass of the network: the last bits may depend on how many images there are.
+
+        The feature cache encodes a photo and its mirror image so: always two, and its files are made of that.
+        """
         size = tuple(images.shape[-2:])
         if size != (self.input_size, self.input_size):
             raise FaunaError(
                 f"encoder={self.name} expects {self.input_size}x{self.input_size} images, got {size[0]}x{size[1]}; "
                 "resize them or set encoder.input_size"
             )
-        images = images.to(self.device)
-        if self.device.type != "cpu" or len(images) == 1:
-            return self._encode(images)
-        singles = [self._encode(image[None]) for image in images]
-        tokens = torch.cat([each.tokens for each in singles])
-        keys = tokens if self.keys_are_tokens else torch.cat([each.keys for each in singles])
-        return Features(torch.cat([each.global_ for each in singles]), tokens, keys)
+        return self._encode(images.to(self.device))
 
     @property
     def device(self) -> torch.device:
