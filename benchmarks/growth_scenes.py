@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import torch
@@ -13,6 +14,7 @@ from fauna.build import build_encoder, build_model, build_schedule, build_system
 from fauna.data.distance import distance_maps
 from fauna.data.fauna_folder import CategoryPhotos
 from fauna.data.photos import Photo, PhotoSource, RawPhoto
+from fauna.losses.objective import compared_pixels
 from fauna.random import Draws
 from fauna.renderer.deferred import render
 from fauna.system import FaunaSystem
@@ -122,7 +124,7 @@ class Scene:
         self.model.rig.pose(self.out.base, instance, self.out.skeleton, pose).verts.square().sum().backward()
 
     def render(self) -> None:
-        """Rasterise, shade, antialias."""
+        """Rasterise, antialias, shade what is compared with the photos."""
         posed, model = self.out.posed, self.model
         mesh = PosedMesh(posed.verts.detach().requires_grad_(), posed.faces, posed.canonical)
         texture = torch.zeros(len(self.out.selection.photo), model.embedder.embedding_dim)
@@ -130,6 +132,7 @@ class Scene:
         images = render(
             model.renderer,
             mesh,
+            self.out.base.topology,
             self.out.camera,
             size,
             appearance=model.appearance,
@@ -137,10 +140,11 @@ class Scene:
             code=self.out.code,
             light=self.out.light,
             feature_lookup=model.feature_lookup,
+            wanted=partial(compared_pixels, self.batch, self.out.selection.photo),
+            share=1.0,
+            generator=None,
         )
-        assert images.rgb is not None
-        assert images.features is not None
-        (images.rgb.mean() + images.features.mean() + images.silhouette.mean()).backward()
+        (images.shading.rgb.mean() + images.shading.features.mean() + images.silhouette.mean()).backward()
         model.appearance.zero_grad()
 
 

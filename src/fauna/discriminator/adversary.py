@@ -101,7 +101,7 @@ class Adversary(nn.Module):
         translation = out.hypotheses.translation.detach()[out.selection.photo[row]]
         camera = make_camera(views, translation, fov_deg=options["fov_deg"], distance=options["distance"])
         height, width = out.renders.silhouette.shape[-2:]
-        return render_silhouette(renderer, out.posed.rows(row), out.base.topology, camera, (height, width))
+        return render_silhouette(renderer, out.posed.rows(row), camera, (height, width), topology=out.base.topology)
 
 
 def _one_row_per_photo(out: Reconstruction) -> Tensor:

@@ -89,7 +89,7 @@ def fit(model: FaunaModel, photo: Batch, free: Freedom, options: ProbeOptions) -
     optimizer = torch.optim.Adam(parameters.values(), lr=options.lr) if parameters else None
     for step in range(options.steps + 1):
         posed, camera, pose = _apply(model, start, parameters)
-        silhouette = render_silhouette(model.renderer, posed, camera, size)
+        silhouette = render_silhouette(model.renderer, posed, camera, size, topology=start.base.topology)
         loss = ((silhouette - photo.masks) * photo.valid).square().mean()
         error = float(loss.detach())
         if error < lowest:

@@ -32,9 +32,7 @@ def read_sample(photo: Photo, *, size: int, keypoint_names: Sequence[str]) -> tu
             f"photo {photo.name} expects {len(keypoint_names)} keypoints as the dataset names, got {len(keypoints)}; "
             "mend its annotation"
         )
-    boxed = (
-        photo.source.mask_source == "box"
-    )  # a box is no mask: it must not be scored as one
+    boxed = photo.source.mask_source == "box"  # a box is no mask: it must not be scored as one
     sample = Sample(
         name=photo.name,
         category=photo.category,

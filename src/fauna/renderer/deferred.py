@@ -10,7 +10,7 @@ from torch import Tensor
 from fauna.appearance.base import Appearance
 from fauna.appearance.shading import shade
 from fauna.geometry.camera import to_clip
-from fauna.geometry.mesh import face_normals, vertex_normals
+from fauna.geometry.mesh import build_topology, face_normals, vertex_normals
 from fauna.renderer.base import Renderer
 from fauna.renderer.contour import Contour, blend_at, blend_coverage
 from fauna.types import Camera, Fragments, Light, PosedMesh, Renders, Shading, Topology
@@ -83,11 +83,16 @@ def render(
 
 
 def render_silhouette(
-    renderer: Renderer, posed: PosedMesh, topology: Topology, camera: Camera, size: tuple[int, int]
+    renderer: Renderer,
+    posed: PosedMesh,
+    camera: Camera,
+    size: tuple[int, int],
+    *,
+    topology: Topology | None = None,
 ) -> Float[Tensor, "row height width"]:
-    """Antialiased coverage only: the fast path of random views."""
+    """Antialiased coverage only: the fast path of random views. ``topology`` is found anew when it is not at hand."""
     clip = to_clip(posed.verts, camera.clip_from_world)
-    return renderer.silhouette(clip, posed.faces, *size, topology)
+    return renderer.silhouette(clip, posed.faces, *size, build_topology(posed.faces) if topology is None else topology)
 
 
 def _choose(
