@@ -57,7 +57,9 @@ class BlendedMotion(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, *grad_outputs: Tensor) -> tuple[Tensor, Tensor, None]:
+    def backward(  # pyright: ignore[reportIncompatibleMethodOverride]
+        ctx: Any, *grad_outputs: Tensor
+    ) -> tuple[Tensor, Tensor, None]:
         """Gradients of vertices and matrices."""
         (grad,), (verts, columns, weights) = grad_outputs, ctx.saved_tensors
         to_verts, to_columns = torch.empty_like(verts), torch.zeros_like(columns)
