@@ -4,18 +4,21 @@ One row per (axis, value, part): ``median_ms`` of forward plus backward, ``memor
 before (Linux; of list parts: what they hold), and ``exponent``, the slope of log(ms) over log(value) from the previous
 value. What to expect, and why:
 
-===========  ================================================================================================
+===========  =================================================================================================
 axis         growth
-===========  ================================================================================================
-image_size   render: a constant (vertices, edges, topology) plus covered pixels, so towards 2; step likewise
-batch        render, pose, articulation: 1 behind a constant; base shape and bank: 0, shared by the photos
-spacing      cells per unit length: a surface crosses n^2 of n^3 cells, so towards 2 where dense extraction has 3;
-             skeleton (sorts vertices) and skinning (n^2 vertices) 2; the step inherits it
-slots        bank: every key is compared (1) and has a gradient entry and Adam's moments (1); step: nearly 0
-rows         drawing one batch: see ``draw``; listing and splitting photos: 1
-threads      two threads help large tensors only; below 0 is a gain
-steps        resident memory from the end of the warm-up to the end of a short training: constant
-===========  ================================================================================================
+===========  =================================================================================================
+image_size   render: a constant (vertices, edges, topology), then covered pixels: 2. Above 2 at 512: activations
+             of hundreds of MB are returned to the system after every step, and their pages are made anew
+             (half the time; gone with MALLOC_MMAP_MAX_=0 and a huge MALLOC_TRIM_THRESHOLD_)
+batch        render, articulation, skinning, step: 1 behind a constant; base shape and bank: 0, shared by photos
+spacing      (resolution of the grid) a surface crosses n^2 of n^3 cells: 2, where dense extraction has 3;
+             skeleton, skinning and render have n^2 vertices: 2; the step inherits it
+slots        bank: 0 while calls dominate, then 1, as every key is compared and has a gradient; step: 0
+rows         draw: shuffles one species, so 1 in the photos of a species with 5 ns each; its memory is a list of
+             indices, 38 bytes a row. Listing and splitting photos: 1
+threads      two threads help large tensors only; below 0 is a gain. Meaningless on a machine that is not idle
+steps        resident memory at the end of a short training against after its warm-up: constant
+===========  =================================================================================================
 
     python benchmarks/growth.py [--smoke | --full] [--axes image_size batch ...] [--json FILE]
 """

@@ -57,9 +57,11 @@ class BlendedMotion(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor, Tensor, None]:
+    def backward(  # pyright: ignore[reportIncompatibleMethodOverride]
+        ctx: Any, *grad_outputs: Tensor
+    ) -> tuple[Tensor, Tensor, None]:
         """Gradients of vertices and matrices."""
-        verts, columns, weights = ctx.saved_tensors
+        (grad,), (verts, columns, weights) = grad_outputs, ctx.saved_tensors
         to_verts, to_columns = torch.empty_like(verts), torch.zeros_like(columns)
         for block in vertex_blocks(verts.shape[1], 12 * columns.shape[0] * columns.shape[1], verts.device):
             matrix = _blended(columns, weights[..., block])
