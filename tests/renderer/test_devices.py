@@ -1,4 +1,4 @@
-"""What the torch operations must do for GPUs: checked without one as far as possible, and against the CPU where one is."""
+"""What GPUs ask of the torch operations: as far as can be seen without one, and against the CPU where one is."""
 
 import importlib.util
 

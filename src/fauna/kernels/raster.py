@@ -52,7 +52,7 @@ def project(clip, height, width, bands):
 
 @njit(cache=True, error_model="numpy")
 def _touching(screen, faces, start, stop, width, found):
-    """Collect the faces with a pixel centre in their bounding box; without a branch, as half of small ones have none."""
+    """Collect the faces with a pixel centre in their bounding box; no branch, as half of the small ones have none."""
     count = 0
     for face in range(faces.shape[0]):
         a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]

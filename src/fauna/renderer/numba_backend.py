@@ -85,6 +85,8 @@ def _compiled() -> Renderer | None:
     try:
         from fauna.renderer.compiled import CompiledRenderer
     except ImportError:
-        warnings.warn("numba is not installed: rendering in torch, about 4x slower; pip install numba", stacklevel=3)
+        warnings.warn(
+            "numba is not installed: rendering in torch, several times slower; pip install numba", stacklevel=3
+        )
         return None
     return CompiledRenderer()

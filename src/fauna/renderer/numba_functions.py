@@ -1,5 +1,8 @@
 """Autograd functions around the numba kernels. CPU tensors only; first-order gradients only."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -8,12 +11,10 @@ from torch.autograd.function import once_differentiable
 from fauna.kernels import antialias, barycentrics, contour, interpolation, raster, silhouette
 from fauna.renderer.edges import DEPTH_TOLERANCE
 
-Arrays = tuple[np.ndarray, ...]
 
-
-def as_numpy(tensor: Tensor) -> np.ndarray:
-    """Contiguous numpy view (or copy) without gradient history."""
-    return tensor.detach().contiguous().numpy()
+def call(kernel: Callable[..., Any], *arguments: Any) -> Any:
+    """Result of a kernel; it gets contiguous views (or copies) of the tensors among its arguments."""
+    return kernel(*(x.detach().contiguous().numpy() if isinstance(x, Tensor) else x for x in arguments))
 
 
 class Rasterize(torch.autograd.Function):
@@ -21,9 +22,8 @@ class Rasterize(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, clip_verts, faces, height, width, bands):  # noqa: D102
-        clip = as_numpy(clip_verts)
-        screen = raster.project(clip, height, width, bands)
-        arrays = raster.rasterize(clip, screen, as_numpy(faces), height, width, bands)
+        screen = call(raster.project, clip_verts, height, width, bands)
+        arrays = call(raster.rasterize, clip_verts, screen, faces, height, width, bands)
         face_index, depth, weights = map(torch.from_numpy, arrays)
         ctx.save_for_backward(clip_verts, faces, face_index)
         ctx.mark_non_differentiable(face_index, depth)
@@ -32,8 +32,8 @@ class Rasterize(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, *grads):  # noqa: D102  # pyright: ignore[reportIncompatibleMethodOverride]
-        arrays = map(as_numpy, (*ctx.saved_tensors, grads[2]))
-        return torch.from_numpy(barycentrics.backward(*arrays)), None, None, None, None
+        grad_clip = call(barycentrics.backward, *ctx.saved_tensors, grads[2])
+        return torch.from_numpy(grad_clip), None, None, None, None
 
 
 class Interpolate(torch.autograd.Function):
@@ -43,7 +43,7 @@ class Interpolate(torch.autograd.Function):
     def forward(ctx, attributes, barycentrics, faces, face_index):  # noqa: D102
         ctx.save_for_backward(attributes, barycentrics, faces, face_index)
         rows, height, width = face_index.shape
-        image = interpolation.interpolate(*_by_pixel(attributes, barycentrics, faces, face_index))
+        image = call(interpolation.interpolate, *_by_pixel(attributes, barycentrics, faces, face_index))
         return torch.from_numpy(image).view(rows, attributes.shape[2], height, width)
 
     @staticmethod
@@ -51,7 +51,7 @@ class Interpolate(torch.autograd.Function):
     def backward(ctx, *grads):  # noqa: D102  # pyright: ignore[reportIncompatibleMethodOverride]
         attributes, barycentrics, _, _ = ctx.saved_tensors
         grad = grads[0].flatten(2).numpy()  # channels cut from a longer image are read in place
-        grad_attributes, grad_bary = interpolation.interpolate_backward(*_by_pixel(*ctx.saved_tensors), grad)
+        grad_attributes, grad_bary = call(interpolation.interpolate_backward, *_by_pixel(*ctx.saved_tensors), grad)
         return _sum_shared(grad_attributes, attributes), torch.from_numpy(grad_bary).view_as(barycentrics), None, None
 
 
@@ -61,15 +61,15 @@ class InterpolateAt(torch.autograd.Function):
     @staticmethod
     def forward(ctx, attributes, barycentrics, faces, face_index, pixels):  # noqa: D102
         ctx.save_for_backward(attributes, barycentrics, faces, face_index, pixels)
-        arrays = _by_pixel(attributes, barycentrics, faces, face_index)
-        return torch.from_numpy(interpolation.interpolate_at(*arrays, as_numpy(pixels)))
+        inputs = _by_pixel(attributes, barycentrics, faces, face_index)
+        return torch.from_numpy(call(interpolation.interpolate_at, *inputs, pixels))
 
     @staticmethod
     @once_differentiable
     def backward(ctx, *grads):  # noqa: D102  # pyright: ignore[reportIncompatibleMethodOverride]
         attributes, barycentrics, faces, face_index, pixels = ctx.saved_tensors
-        arrays = (*_by_pixel(attributes, barycentrics, faces, face_index), as_numpy(pixels), as_numpy(grads[0]))
-        grad_attributes, grad_bary = interpolation.interpolate_at_backward(*arrays)
+        inputs = _by_pixel(attributes, barycentrics, faces, face_index)
+        grad_attributes, grad_bary = call(interpolation.interpolate_at_backward, *inputs, pixels, grads[0])
         grad_bary = torch.from_numpy(grad_bary).view_as(barycentrics)
         return _sum_shared(grad_attributes, attributes), grad_bary, None, None, None
 
@@ -79,10 +79,10 @@ class Antialias(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, image, clip_verts, faces, edges, edge_faces, face_index, depth):  # noqa: D102
-        mesh = tuple(map(as_numpy, (clip_verts, faces, edges, edge_faces)))
-        crossings = silhouette.find_crossings(*mesh, as_numpy(face_index), as_numpy(depth), True, DEPTH_TOLERANCE)
+        mesh = (clip_verts, faces, edges, edge_faces)
+        crossings = call(silhouette.find_crossings, *mesh, face_index, depth, True, DEPTH_TOLERANCE)
         starts, cell, _, place = crossings
-        blended = antialias.blend(as_numpy(image.flatten(2)), *image.shape[2:], starts, cell, place)
+        blended = call(antialias.blend, image.flatten(2), *image.shape[2:], starts, cell, place)
         ctx.save_for_backward(image, clip_verts, edges)
         ctx.crossings = crossings
         return torch.from_numpy(blended).view(image.shape)
@@ -91,9 +91,8 @@ class Antialias(torch.autograd.Function):
     @once_differentiable
     def backward(ctx, *grads):  # noqa: D102  # pyright: ignore[reportIncompatibleMethodOverride]
         image, clip_verts, edges = ctx.saved_tensors
-        arrays = tuple(map(as_numpy, (image.flatten(2), clip_verts, edges)))
-        grad = as_numpy(grads[0].flatten(2))
-        grad_image, grad_clip = antialias.blend_backward(*arrays, *image.shape[2:], *ctx.crossings, grad)
+        inputs = (image.flatten(2), clip_verts, edges, *image.shape[2:], *ctx.crossings, grads[0].flatten(2))
+        grad_image, grad_clip = call(antialias.blend_backward, *inputs)
         return torch.from_numpy(grad_image).view(image.shape), torch.from_numpy(grad_clip), *[None] * 5
 
 
@@ -126,12 +125,12 @@ class Silhouette(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, clip_verts, faces, edges, edge_faces, height, width, bands):  # noqa: D102
-        mesh = tuple(map(as_numpy, (clip_verts, faces, edges, edge_faces)))
-        covered = raster.cover(raster.project(mesh[0], height, width, bands), mesh[1], height, width, bands)
-        no_depth = np.empty((1, 1, 1), mesh[0].dtype)
-        crossings = silhouette.find_crossings(*mesh, covered, no_depth, False, DEPTH_TOLERANCE)
+        mesh, no_depth = (clip_verts, faces, edges, edge_faces), clip_verts.new_empty(1, 1, 1)
+        screen = call(raster.project, clip_verts, height, width, bands)
+        covered = call(raster.cover, screen, faces, height, width, bands)
+        crossings = call(silhouette.find_crossings, *mesh, covered, no_depth, False, DEPTH_TOLERANCE)
         starts, cell, _, place = crossings
-        raw, clamped = antialias.coverage(covered, no_depth, starts, cell, place)
+        raw, clamped = call(antialias.coverage, covered, no_depth, starts, cell, place)
         ctx.save_for_backward(clip_verts, edges)
         ctx.coverage = (raw, height, width, crossings)
         return torch.from_numpy(clamped).view(-1, height, width)
@@ -139,16 +138,16 @@ class Silhouette(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, *grads):  # noqa: D102  # pyright: ignore[reportIncompatibleMethodOverride]
-        clip_verts, edges = map(as_numpy, ctx.saved_tensors)
+        clip_verts, edges = ctx.saved_tensors
         raw, height, width, crossings = ctx.coverage
-        grad = as_numpy(grads[0].flatten(1))
-        grad_clip = antialias.coverage_backward(raw, clip_verts, edges, height, width, *crossings, grad)
+        inputs = (raw, clip_verts, edges, height, width, *crossings, grads[0].flatten(1))
+        grad_clip = call(antialias.coverage_backward, *inputs)
         return torch.from_numpy(grad_clip), *[None] * 6
 
 
-def _by_pixel(attributes: Tensor, barycentrics: Tensor, faces: Tensor, face_index: Tensor) -> Arrays:
+def _by_pixel(attributes: Tensor, barycentrics: Tensor, faces: Tensor, face_index: Tensor) -> tuple[Tensor, ...]:
     """Kernel arguments with the two image axes flattened."""
-    return tuple(map(as_numpy, (attributes, faces, face_index.flatten(1), barycentrics.flatten(1, 2))))
+    return attributes, faces, face_index.flatten(1), barycentrics.flatten(1, 2)
 
 
 def _sum_shared(per_row: np.ndarray, attributes: Tensor) -> Tensor:
