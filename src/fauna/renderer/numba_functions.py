@@ -101,11 +101,10 @@ class Transfers(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, clip_verts, faces, edges, edge_faces, face_index, depth):  # noqa: D102
-        mesh = tuple(map(as_numpy, (clip_verts, faces, edges, edge_faces)))
-        crossings = silhouette.find_crossings(*mesh, as_numpy(face_index), as_numpy(depth), True, DEPTH_TOLERANCE)
+        mesh, size = (clip_verts, faces, edges, edge_faces), tuple(face_index.shape[1:])
+        crossings = call(silhouette.find_crossings, *mesh, face_index, depth, True, DEPTH_TOLERANCE)
         starts, cell, _, place = crossings
-        size = tuple(face_index.shape[1:])
-        target, source, share = map(torch.from_numpy, contour.transfers(*size, starts, cell, place))
+        target, source, share = map(torch.from_numpy, call(contour.transfers, *size, starts, cell, place))
         ctx.save_for_backward(clip_verts, edges)
         ctx.crossings = (size, crossings)
         ctx.mark_non_differentiable(target, source)
@@ -114,9 +113,8 @@ class Transfers(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, *grads):  # noqa: D102  # pyright: ignore[reportIncompatibleMethodOverride]
-        clip_verts, edges = map(as_numpy, ctx.saved_tensors)
         size, crossings = ctx.crossings
-        grad_clip = contour.transfers_backward(clip_verts, edges, *size, *crossings, as_numpy(grads[2]))
+        grad_clip = call(contour.transfers_backward, *ctx.saved_tensors, *size, *crossings, grads[2])
         return torch.from_numpy(grad_clip), *[None] * 5
 
 
