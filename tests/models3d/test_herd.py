@@ -259,3 +259,24 @@ def test_messages(folder, tmp_path):
         place.write_bytes((folder / "Pony.glb").read_bytes())
     with pytest.raises(FaunaError, match=r"got Pony.glb twice"):
         Herd(root=tmp_path, seed=0, image_size=SIZE, views="uniform")
+
+
+def test_keypoints_lie_on_the_picture_and_far_legs_are_hidden_more_often(samples):
+    seen = []
+    for sample in samples:
+        expected = sample.truth.keypoints @ sample.truth.clip_from_world[:, :3].T + sample.truth.clip_from_world[:, 3]
+        pixels = (expected[:, :2] / expected[:, 3:] + 1) * 0.5 * sample.image.shape[0]
+        np.testing.assert_allclose(sample.keypoints[:, :2], pixels, atol=1e-6)
+        flags = sample.keypoints[:, 2]
+        assert set(np.unique(flags)) <= {0.0, 1.0}
+        inside = ((pixels >= 0) & (pixels < sample.image.shape[0])).all(axis=1)
+        assert not flags[~inside].any()
+        away = np.linalg.norm(sample.truth.keypoints - np.linalg.inv(sample.truth.camera_from_world)[:3, 3], axis=1)
+        pairs = [
+            (KEYPOINTS.index(f"left_{n}"), KEYPOINTS.index(f"right_{n}")) for n in ("eye", "back_elbow", "front_elbow")
+        ]
+        for left, right in pairs:
+            near, far = (left, right) if away[left] < away[right] else (right, left)
+            seen.append((flags[near], flags[far]))
+    near, far = np.array(seen).mean(axis=0)
+    assert near > far

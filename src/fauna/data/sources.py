@@ -1,19 +1,17 @@
 """Data sources: what ``data=zoo`` and ``data=fauna`` have in common is that they list photos per species."""
 
 import hashlib
-import json
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
-from fauna.data.crop_box import CropBox
 from fauna.data.fauna_folder import CategoryPhotos, read_fauna_folder, read_keypoint_names
-from fauna.data.feature_cache import default_cache_root, write_atomically
+from fauna.data.feature_cache import default_cache_root
 from fauna.data.photos import Photo, PhotoSource, RawPhoto
+from fauna.data.picture_cache import Drawing, read_or_draw
 from fauna.data.readers.keypoints import canonical_names
 from fauna.data.truth import LEGS, Truth3D
 from fauna.errors import FaunaError
@@ -148,17 +146,8 @@ class ZooSource(PhotoSource):
 
     def read(self) -> RawPhoto:
         """From the cache, or drawn and then cached."""
-        path = self._path()
-        if path.is_file():
-            try:
-                with Image.open(path) as picture:
-                    rgba = np.array(picture)
-                    box = CropBox(**{k: float(picture.info[k]) for k in CropBox.__dataclass_fields__})  # type: ignore[arg-type]
-                    keypoints = np.array(json.loads(picture.info["keypoints"]))
-                return RawPhoto(np.ascontiguousarray(rgba[..., :3]), rgba[..., 3] > 127, box, keypoints)
-            except (OSError, KeyError, ValueError, SyntaxError):
-                path.unlink(missing_ok=True)  # damaged: drawn again
-        return self._draw(path)
+        key = self.content_key()
+        return read_or_draw(default_cache_root() / "zoo" / key[:2] / f"{key}.png", self._draw)
 
     def content_key(self) -> str:
         """Digest of the seed, the photograph's place in the zoo and the code that draws it."""
@@ -176,29 +165,10 @@ class ZooSource(PhotoSource):
             truth.posed_verts, truth.faces, of_bone[animal.surface.weights.argmax(axis=1)], truth.keypoints,
         )  # fmt: skip
 
-    def _path(self) -> Path:
-        key = self.content_key()
-        return default_cache_root() / "zoo" / key[:2] / f"{key}.png"
-
-    def _draw(self, path: Path) -> RawPhoto:
-        import io
-
-        from PIL.PngImagePlugin import PngInfo
-
+    def _draw(self) -> Drawing:
         sample = _zoo(self.seed, self.image_size).sample(self.species, self.index)
-        box = CropBox(*(float(number) for number in sample.box))
-        notes = PngInfo()
-        for name in CropBox.__dataclass_fields__:
-            notes.add_text(name, str(getattr(box, name)))
         pixels = (sample.truth.keypoints_2d + 1) * (0.5 * self.image_size)
-        keypoints = np.column_stack([pixels, sample.truth.keypoint_visible])
-        notes.add_text("keypoints", json.dumps(keypoints.tolist()))
-        buffer = io.BytesIO()
-        Image.fromarray(np.dstack([sample.image, sample.mask])).save(
-            buffer, format="PNG", pnginfo=notes, compress_level=1
-        )
-        write_atomically(path, buffer.getvalue())
-        return RawPhoto(sample.image, sample.mask > 127, box, keypoints)
+        return sample.image, sample.mask, sample.box, np.column_stack([pixels, sample.truth.keypoint_visible])
 
 
 def _leg(bone: str) -> int:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float, UInt8
+from scipy.spatial import cKDTree
 
 from fauna.data.truth import Truth3D
 from fauna.errors import FaunaError
@@ -18,9 +19,9 @@ from fauna.models3d.posing import Build, pose_animal, sample_build, sample_momen
 from fauna.random import derive_seed
 from fauna.zoo.body import KEYPOINTS
 from fauna.zoo.products import dot
-from fauna.zoo.render import Photo, Subject, photograph
+from fauna.zoo.render import Photo, Subject, photograph, visible
 from fauna.zoo.scene import sample_surroundings
-from fauna.zoo.view import View, sample_view
+from fauna.zoo.view import View, project, sample_view
 
 PHOTOS_PER_INDIVIDUAL = 4
 CACHED = 32
@@ -29,6 +30,8 @@ BEARING = 0.5
 """Share of trunk and legs from which a vertex may rest on the ground."""
 EYE_RADIUS = 0.05
 """Of a painted eye, lengths of the head."""
+UNDER_SKIN, SKIN = 1.3, 0.06
+"""A keypoint counts as seen up to this multiple of its distance from the skin, plus heights at the withers, below it."""
 Views = Literal["photographer", "uniform"]
 
 
@@ -41,6 +44,7 @@ class HerdSample:
         mask: 0 or 255.
         box: ``(x0, y0, width, height, photo_width, photo_height)`` of the crop window, photo pixels.
         activity: name of the clip.
+        keypoints: crop pixels and 1 where inside the crop and not hidden, in the order of the zoo's.
         truth: for evaluation only; unit is the model's height at the withers.
     """
 
@@ -48,6 +52,7 @@ class HerdSample:
     mask: UInt8[np.ndarray, "size size"]
     box: tuple[int, int, int, int, int, int]
     activity: str
+    keypoints: Float[np.ndarray, "key 3"]
     truth: Truth3D
 
 
@@ -91,7 +96,8 @@ class Herd:
         subject = Subject(verts, animal.rest, faces, individual.albedo, individual.gloss, animal.openness, floor)
         surroundings = sample_surroundings(self._rng("surroundings", model, index))
         photo: Photo = photograph(subject, view, surroundings, self.image_size, self._rng("grain", model, index))
-        return HerdSample(photo.image, photo.mask, view.box, activity, truth)
+        keypoints = _seen_keypoints(view, photo, truth, self.image_size)
+        return HerdSample(photo.image, photo.mask, view.box, activity, keypoints, truth)
 
     def truth(self, model: str, index: int) -> Truth3D:
         """What is known of photograph ``index``, without drawing it."""
@@ -178,3 +184,13 @@ def _kept(cache: OrderedDict, key: Hashable, make: Callable[[], Any]) -> Any:
             cache.popitem(last=False)
     cache.move_to_end(key)
     return cache[key]
+
+
+def _seen_keypoints(view: View, photo: Photo, truth: Truth3D, size: int) -> Float[np.ndarray, "key 3"]:
+    """Crop pixels of the keypoints and whether they are seen: no farther under the skin than it is away, and a little."""
+    known = np.isfinite(truth.keypoints).all(axis=1)
+    points = np.where(known[:, None], truth.keypoints, 0.0)
+    away, _ = cKDTree(truth.verts).query(points)
+    clip = project(view.clip_from_world, points)
+    seen = known & visible(view, photo, points, UNDER_SKIN * away + SKIN)
+    return np.column_stack([(clip[:, :2] / clip[:, 3:] + 1) * (0.5 * size), seen])

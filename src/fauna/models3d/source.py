@@ -143,7 +143,7 @@ class Models3DSource(PhotoSource):
 
     def _draw(self) -> Drawing:
         sample = _herd(self.root, self.seed, self.image_size, self.views).sample(self.model, self.index)
-        return sample.image, sample.mask, sample.box
+        return sample.image, sample.mask, sample.box, sample.keypoints
 
 
 @lru_cache(maxsize=1)
