@@ -3,7 +3,8 @@
 Reference: float32 everywhere, the feature field at every compared pixel, every compared pixel shaded. ``loss_error`` is the
 relative difference of the total loss; ``gradient_error`` the relative L2 distance, ``gradient_cosine`` the cosine between the
 gradients of all parameters; ``bias`` the relative L2 distance of the mean gradient over all batches, in which noise of zero
-mean averages out; ``vertex_error`` the largest distance between corresponding vertices of the posed meshes, world units.
+mean averages out; ``vertex_error`` the mean and ``vertex_error_max`` the largest distance between corresponding vertices of the posed
+meshes, world units.
 Means over the batches; the mesh is that of ``--weights`` or untrained.
 
     python benchmarks/choices.py [--smoke | --full] [--experiment laptop] [--weights FILE] [--threads 2] [--json FILE]
@@ -53,7 +54,7 @@ def gradients(runner: Runner, repeat: int) -> tuple[float, Tensor, Tensor]:
     losses, out, _ = system.generator_losses(batch, Draws(0, repeat))
     losses.total.backward()
     flat = [p.grad.flatten() if p.grad is not None else p.new_zeros(p.numel()) for p in system.model.parameters()]
-    return float(losses.total), torch.cat(flat), out.posed.verts.detach()
+    return float(losses.total.detach()), torch.cat(flat), out.posed.verts.detach()
 
 
 def compare(runner: Runner, schedule: Any, stage: str, step: int, batches: int) -> list[dict[str, Any]]:
@@ -86,7 +87,8 @@ def row(stage: str, name: str, times: dict[str, list[float]], found: dict[str, l
             float(torch.nn.functional.cosine_similarity(ours[1], exact[1], dim=0)) for ours, exact in pairs
         ),
         "bias": float((average - expected).norm() / expected.norm()),
-        "vertex_error": max(float((ours[2] - exact[2]).norm(dim=-1).max()) for ours, exact in pairs),
+        "vertex_error": mean(float((ours[2] - exact[2]).norm(dim=-1).mean()) for ours, exact in pairs),
+        "vertex_error_max": max(float((ours[2] - exact[2]).norm(dim=-1).max()) for ours, exact in pairs),
     }
 
 
