@@ -23,27 +23,25 @@ def edge_list(faces, vert_count):
     for face in range(faces.shape[0]):
         for k in range(3):
             a, b = faces[face, k], faces[face, k + 1 if k < 2 else 0]
-            if a != b:
-                low = min(a, b)
-                stop[low] = _insert(entries, start[low], stop[low], max(a, b), face)
+            if a == b:
+                continue
+            low, high = min(a, b), max(a, b)
+            slot = stop[low]
+            while slot > start[low] and entries[slot - 1, 0] > high:
+                slot -= 1
+            if slot > start[low] and entries[slot - 1, 0] == high:
+                if entries[slot - 1, 2] < 0:
+                    entries[slot - 1, 2] = face
+                continue
+            for to in range(stop[low], slot, -1):
+                entries[to, 0], entries[to, 1], entries[to, 2] = (
+                    entries[to - 1, 0],
+                    entries[to - 1, 1],
+                    entries[to - 1, 2],
+                )
+            entries[slot, 0], entries[slot, 1], entries[slot, 2] = high, face, -1
+            stop[low] += 1
     return _flatten(entries, start, stop)
-
-
-@njit(cache=True, error_model="numpy")
-def _insert(entries, start, stop, high, face):
-    """Add a face to the edge to ``high`` in the bucket [start, stop); the new end of the bucket."""
-    slot = stop
-    while slot > start and entries[slot - 1, 0] > high:
-        slot -= 1
-    if slot > start and entries[slot - 1, 0] == high:
-        if entries[slot - 1, 2] < 0:
-            entries[slot - 1, 2] = face
-        return stop
-    for behind in range(stop, slot, -1):
-        for k in range(3):
-            entries[behind, k] = entries[behind - 1, k]
-    entries[slot, 0], entries[slot, 1], entries[slot, 2] = high, face, -1
-    return stop + 1
 
 
 @njit(cache=True, error_model="numpy")
