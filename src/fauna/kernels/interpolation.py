@@ -40,33 +40,34 @@ def interpolate(attributes, faces, ids, bary):
     return out
 
 
-@njit(cache=True, error_model="numpy")
-def _pixel_backward(attributes, faces, face, bary, grad, grad_attributes, grad_bary):
-    """One pixel: adds to the gradients of its corners, returns nothing; ``grad`` (chan)."""
+@njit(cache=True, error_model="numpy", inline="always")
+def _pixel_backward(attributes, faces, face, bary, pixel, grad, column, grad_attributes):
+    """Gradient of a pixel's barycentrics, given ``grad[:, column]``; adds to that of its corners.
+
+    Takes whole arrays: making slices of them for each pixel would cost as much again.
+    """
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-    b0, b1, b2 = bary[0], bary[1], bary[2]
+    b0, b1, b2 = bary[pixel, 0], bary[pixel, 1], bary[pixel, 2]
     s0 = s1 = s2 = 0.0 * b0
     for channel in range(grad.shape[0]):
-        g = grad[channel]
+        g = grad[channel, column]
         s0 += g * attributes[a, channel]
         s1 += g * attributes[b, channel]
         s2 += g * attributes[c, channel]
         grad_attributes[a, channel] += b0 * g
         grad_attributes[b, channel] += b1 * g
         grad_attributes[c, channel] += b2 * g
-    grad_bary[0] += s0
-    grad_bary[1] += s1
-    grad_bary[2] += s2
+    return s0, s1, s2
 
 
 @njit(cache=True, error_model="numpy")
 def _image_backward(attributes, faces, ids, bary, grad, grad_attributes, grad_bary):
     grad_attributes[:] = 0.0
-    grad_bary[:] = 0.0
     for pixel in range(ids.shape[0]):
+        s0 = s1 = s2 = 0.0 * bary[pixel, 0]
         if ids[pixel] >= 0:
-            weights, change = bary[pixel], grad_bary[pixel]
-            _pixel_backward(attributes, faces, ids[pixel], weights, grad[:, pixel], grad_attributes, change)
+            s0, s1, s2 = _pixel_backward(attributes, faces, ids[pixel], bary, pixel, grad, pixel, grad_attributes)
+        grad_bary[pixel, 0], grad_bary[pixel, 1], grad_bary[pixel, 2] = s0, s1, s2
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
@@ -85,14 +86,18 @@ def interpolate_backward(attributes, faces, ids, bary, grad):
 
 
 @njit(cache=True, error_model="numpy")
-def _at(attributes, faces, face, bary, out):
+def _at(attributes, source, faces, face, bary, pixel, out, k):
+    for channel in range(out.shape[1]):
+        out[k, channel] = 0.0
     if face < 0:
-        out[:] = 0.0
         return
     a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
-    for channel in range(out.shape[0]):
-        out[channel] = (
-            bary[0] * attributes[a, channel] + bary[1] * attributes[b, channel] + bary[2] * attributes[c, channel]
+    b0, b1, b2 = bary[pixel, 0], bary[pixel, 1], bary[pixel, 2]
+    for channel in range(out.shape[1]):
+        out[k, channel] = (
+            b0 * attributes[source, a, channel]
+            + b1 * attributes[source, b, channel]
+            + b2 * attributes[source, c, channel]
         )
 
 
@@ -104,8 +109,8 @@ def interpolate_at(attributes, faces, ids, bary, pixels):
     out = np.empty((pixels.shape[0], attributes.shape[2]), attributes.dtype)
     for k in prange(pixels.shape[0]):
         pixel = np.int64(pixels[k])
-        source = attributes[min(pixel // size, attributes.shape[0] - 1)]
-        _at(source, faces, flat_ids[pixel], flat_bary[pixel], out[k])
+        source = min(pixel // size, attributes.shape[0] - 1)
+        _at(attributes, source, faces, flat_ids[pixel], flat_bary, pixel, out, np.int64(k))
     return out
 
 
@@ -132,8 +137,10 @@ def _list_backward(attributes, faces, ids, bary, pixels, first, own, grad, grad_
     for k in own:
         pixel = pixels[k] - first
         if ids[pixel] >= 0:
-            weights, change = bary[pixel], grad_bary[pixel]
-            _pixel_backward(attributes, faces, ids[pixel], weights, grad[k], grad_attributes, change)
+            s0, s1, s2 = _pixel_backward(attributes, faces, ids[pixel], bary, pixel, grad, k, grad_attributes)
+            grad_bary[pixel, 0] += s0
+            grad_bary[pixel, 1] += s1
+            grad_bary[pixel, 2] += s2
 
 
 @njit(cache=True, parallel=True, error_model="numpy")
@@ -141,12 +148,13 @@ def interpolate_at_backward(attributes, faces, ids, bary, pixels, grad):
     """As ``interpolate_backward`` for ``interpolate_at``; ``grad`` (entry, chan). A pixel may be listed repeatedly."""
     rows, size = ids.shape
     order, starts = _sort_by_row(pixels, rows, size)
+    by_channel = grad.T
     grad_attributes = np.empty((rows, attributes.shape[1], attributes.shape[2]), attributes.dtype)
     grad_bary = np.empty(bary.shape, bary.dtype)
     for row in prange(rows):
         source = attributes[min(np.int64(row), attributes.shape[0] - 1)]
         own, first = order[starts[row] : starts[row + 1]], np.int64(row) * size
         _list_backward(
-            source, faces, ids[row], bary[row], pixels, first, own, grad, grad_attributes[row], grad_bary[row]
+            source, faces, ids[row], bary[row], pixels, first, own, by_channel, grad_attributes[row], grad_bary[row]
         )
     return grad_attributes, grad_bary

@@ -8,52 +8,55 @@ from numba import njit, prange
 def edge_list(faces, vert_count):
     """Edges (edge, 2), sorted, with smaller index first, and up to two faces of each (edge, 2), -1 for none.
 
-    Half-edges are put into the bucket of their smaller vertex and sorted within it; buckets hold a handful.
+    Every vertex has a bucket for the edges of which it is the smaller one; buckets hold a handful and are kept sorted.
     """
-    start = np.zeros(vert_count + 1, np.int64)
+    start = np.zeros(vert_count + 1, np.int32)
     for face in range(faces.shape[0]):
-        for k in range(3):
-            a, b = faces[face, k], faces[face, (k + 1) % 3]
-            if a != b:
-                start[min(a, b) + 1] += 1
+        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        start[min(a, b) + 1] += 1
+        start[min(b, c) + 1] += 1
+        start[min(c, a) + 1] += 1
     for vert in range(vert_count):
         start[vert + 1] += start[vert]
-    fill = start[:-1].copy()
-    other = np.empty(start[vert_count], np.int64)
-    owner = np.empty(start[vert_count], np.int64)
+    stop = start[:-1].copy()
+    entries = np.empty((start[vert_count], 3), np.int32)  # larger vertex, first face, second face
     for face in range(faces.shape[0]):
         for k in range(3):
-            a, b = faces[face, k], faces[face, (k + 1) % 3]
+            a, b = faces[face, k], faces[face, k + 1 if k < 2 else 0]
             if a == b:
                 continue
             low, high = min(a, b), max(a, b)
-            slot = fill[low]
-            fill[low] += 1
-            while slot > start[low] and other[slot - 1] > high:  # insertion sort, stable: faces stay ascending
-                other[slot] = other[slot - 1]
-                owner[slot] = owner[slot - 1]
+            slot = stop[low]
+            while slot > start[low] and entries[slot - 1, 0] > high:
                 slot -= 1
-            other[slot] = high
-            owner[slot] = face
-    return _unique_edges(start, other, owner)
+            if slot > start[low] and entries[slot - 1, 0] == high:
+                if entries[slot - 1, 2] < 0:
+                    entries[slot - 1, 2] = face
+                continue
+            for to in range(stop[low], slot, -1):
+                entries[to, 0], entries[to, 1], entries[to, 2] = (
+                    entries[to - 1, 0],
+                    entries[to - 1, 1],
+                    entries[to - 1, 2],
+                )
+            entries[slot, 0], entries[slot, 1], entries[slot, 2] = high, face, -1
+            stop[low] += 1
+    return _flatten(entries, start, stop)
 
 
 @njit(cache=True, error_model="numpy")
-def _unique_edges(start, other, owner):
-    edges = np.empty((other.shape[0], 2), np.int64)
-    edge_faces = np.full((other.shape[0], 2), -1, np.int64)
+def _flatten(entries, start, stop):
     count = 0
-    for vert in range(start.shape[0] - 1):
-        for slot in range(start[vert], start[vert + 1]):
-            if slot > start[vert] and other[slot] == other[slot - 1]:
-                if edge_faces[count - 1, 1] < 0:
-                    edge_faces[count - 1, 1] = owner[slot]
-                continue
-            edges[count, 0] = vert
-            edges[count, 1] = other[slot]
-            edge_faces[count, 0] = owner[slot]
-            count += 1
-    return edges[:count].copy(), edge_faces[:count].copy()
+    for vert in range(stop.shape[0]):
+        count += stop[vert] - start[vert]
+    edges, edge_faces = np.empty((count, 2), np.int64), np.empty((count, 2), np.int64)
+    edge = 0
+    for vert in range(stop.shape[0]):
+        for slot in range(start[vert], stop[vert]):
+            edges[edge, 0], edges[edge, 1] = vert, entries[slot, 0]
+            edge_faces[edge, 0], edge_faces[edge, 1] = entries[slot, 1], entries[slot, 2]
+            edge += 1
+    return edges, edge_faces
 
 
 @njit(cache=True, error_model="numpy")
