@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float, UInt8
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from fauna.data.truth import Truth3D
 from fauna.errors import FaunaError
@@ -188,9 +188,9 @@ def _kept(cache: OrderedDict, key: Hashable, make: Callable[[], Any]) -> Any:
 
 def _seen_keypoints(view: View, photo: Photo, truth: Truth3D, size: int) -> Float[np.ndarray, "key 3"]:
     """Crop pixels of the keypoints and whether they are seen: no farther under the skin than it is away, and a little."""
-    known = np.isfinite(truth.keypoints).all(axis=1)
+    known = np.isfinite(truth.keypoints[:, 0])
     points = np.where(known[:, None], truth.keypoints, 0.0)
-    away, _ = cKDTree(truth.verts).query(points)
+    away, _ = KDTree(truth.verts).query(points)
     clip = project(view.clip_from_world, points)
     seen = known & visible(view, photo, points, UNDER_SKIN * away + SKIN)
     return np.column_stack([(clip[:, :2] / clip[:, 3:] + 1) * (0.5 * size), seen])
