@@ -13,11 +13,11 @@ Means over the batches; the mesh is that of ``--weights`` or untrained.
 import argparse
 import json
 from collections.abc import Sequence
-from pathlib import Path
 from statistics import mean, median
 from typing import Any
 
 import torch
+from arguments import existing_file, new_file
 from step import Clock, Runner, compose_experiment, stages_of
 from torch import Tensor
 
@@ -99,9 +99,9 @@ def main(argv: Sequence[str] | None = None) -> list[dict[str, Any]]:
     size.add_argument("--smoke", action="store_true", help="experiment tiny, two batches")
     size.add_argument("--full", action="store_true", help="four times the batches")
     parser.add_argument("--experiment", default="laptop")
-    parser.add_argument("--weights", type=Path, help="of a trained model of the same configuration")
+    parser.add_argument("--weights", type=existing_file, help="of a trained model of the same configuration")
     parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    parser.add_argument("--json", type=new_file, help="also write the rows to this file")
     parser.add_argument("overrides", nargs="*", help="further Hydra overrides")
     args = parser.parse_args(argv)
     torch.use_deterministic_algorithms(True)

@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from arguments import existing_file, new_file
 from scipy.spatial import cKDTree
 from torch import Tensor, nn
 
@@ -263,9 +264,9 @@ def main() -> None:
     size.add_argument("--full", action="store_true", help="100 networks at 64, 10 at 128, 2 at 256; default 6, 3 and 1")
     parser.add_argument("--spacing", type=int, nargs="*", help="only these resolutions")
     parser.add_argument("--width", type=int, default=256, help="width of the random networks")
-    parser.add_argument("--weights", type=Path, nargs="*", default=[], help="weight files to measure too")
+    parser.add_argument("--weights", type=existing_file, nargs="*", default=[], help="weight files to measure too")
     parser.add_argument("--threads", type=int, default=torch.get_num_threads())
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write a list of rows")
+    parser.add_argument("--json", type=new_file, metavar="FILE", help="write a list of rows")
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     rows: list[dict[str, Any]] = []

@@ -39,6 +39,7 @@ from typing import Any
 from unittest.mock import patch
 
 import torch
+from arguments import new_file
 from growth_scenes import Parts, Scene, compose_experiment, listed
 
 from fauna.data.species_sampler import SpeciesSampler
@@ -221,7 +222,7 @@ def main(argv: Sequence[str] | None = None) -> list[Row]:
     size.add_argument("--full", action="store_true", help="more repeats, 3000 steps")
     parser.add_argument("--axes", nargs="+", choices=list(VALUES), default=list(VALUES))
     parser.add_argument("--repeats", type=int, help="timed runs of every part")
-    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    parser.add_argument("--json", type=new_file, help="also write the rows to this file")
     args = parser.parse_args(argv)
     extent = "smoke" if args.smoke else "full" if args.full else "default"
     experiment = "tiny" if args.smoke else "laptop"

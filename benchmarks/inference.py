@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from arguments import existing_file, new_file
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 from PIL import Image
@@ -154,13 +155,13 @@ def main(argv: Sequence[str] | None = None) -> list[dict[str, Any]]:
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--smoke", action="store_true", help="experiment tiny at resolution 32, two repeats")
     size.add_argument("--full", action="store_true", help="SDF layers of width 256 and four times the repeats")
-    parser.add_argument("--weights", type=Path, help="a trained model instead of a random one")
-    parser.add_argument("--photo", type=Path, help="square crop; default: a drawn horse")
+    parser.add_argument("--weights", type=existing_file, help="a trained model instead of a random one")
+    parser.add_argument("--photo", type=existing_file, help="square crop; default: a drawn horse")
     parser.add_argument("--width", type=int, help="of the SDF's hidden layers; default: the experiment's")
     parser.add_argument("--resolutions", type=int, nargs="+", default=[64, 128, 256])
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=9)
-    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    parser.add_argument("--json", type=new_file, help="also write the rows to this file")
     parser.add_argument(
         "--overrides", nargs="*", default=[], help="further Hydra overrides, e.g. encoder.dtype=bfloat16"
     )

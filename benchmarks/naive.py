@@ -16,7 +16,7 @@ from torch import Tensor
 import fauna.model
 from fauna.appearance.shading import shade
 from fauna.geometry.camera import to_clip
-from fauna.geometry.lattice import explicit_lattice
+from fauna.geometry.lattice import BCCLattice, ExplicitLattice, explicit_lattice
 from fauna.geometry.marching_tets import drop_small_components
 from fauna.geometry.mesh import face_normals, vertex_normals
 from fauna.geometry.sparse_extraction import ExtractionStats, extract_dense
@@ -26,18 +26,21 @@ from fauna.shape.sdf_mesh import SDFMesh
 from fauna.system import FaunaSystem
 from fauna.types import BaseShape, Renders, Shading
 
+LATTICES: dict[BCCLattice, ExplicitLattice] = {}
+"""Tetrahedra by lattice; listing them is not part of a step."""
+
 
 @contextmanager
 def naive_structure(system: FaunaSystem) -> Iterator[None]:
     """Within this context steps of ``system`` are done the direct way."""
-    model, lattices = system.model, {}
+    model = system.model
     own = model.renderer
 
     def extract(shape: SDFMesh, embedding: Tensor, generator: torch.Generator | None):
-        if shape.lattice not in lattices:
-            lattices[shape.lattice] = explicit_lattice(shape.lattice)
+        if shape.lattice not in LATTICES:
+            LATTICES[shape.lattice] = explicit_lattice(shape.lattice)
         field, offset = shape.sdf(embedding), shape._offset(generator)
-        verts, faces = extract_dense(field, shape.lattice, offset, explicit=lattices[shape.lattice])[:2]
+        verts, faces = extract_dense(field, shape.lattice, offset, explicit=LATTICES[shape.lattice])[:2]
         verts, faces = drop_small_components(verts, faces, shape.min_component_fraction)
         return BaseShape(verts, faces), ExtractionStats(*[0] * len(fields(ExtractionStats)))
 

@@ -19,9 +19,9 @@ import math
 import statistics
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import torch
+from arguments import new_file
 from torch import Tensor
 
 from fauna.geometry.mesh import build_topology
@@ -189,7 +189,7 @@ def measure(resolution: int, cells: int, runs: int) -> dict[str, float | int]:
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    parser.add_argument("--json", type=new_file, help="also write the rows to this file")
     parser.add_argument("--smoke", action="store_true", help="one small case, to see that it runs")
     parser.add_argument("--full", action="store_true", help="31 runs of each case instead of 11")
     parser.add_argument("--threads", type=int, default=2, help="CPU threads of torch and the kernels")

@@ -8,7 +8,7 @@ process. Medians in milliseconds; ``ratio`` is naive over ours. The first steps 
 Cases: ``laptop`` at 64 and 128 pixels and ``quadruped``, the paper's sizes with the offline encoder in place of DINO. The naive
 step of ``quadruped`` takes more than a minute and 16 GB: once in one stage, if that much memory is free.
 
-    python benchmarks/step.py [--smoke | --full] [--cases laptop-64 ...] [--weights FILE] [--json FILE] [override ...]
+    python benchmarks/step.py [--smoke | --full] [--cases laptop-64,...] [--weights FILE] [--json FILE] [override ...]
 """
 
 import argparse
@@ -24,6 +24,7 @@ from unittest.mock import patch
 
 import numba
 import torch
+from arguments import existing_file, new_file
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 from naive import naive_structure
@@ -275,18 +276,23 @@ def main(argv: Sequence[str] | None = None) -> list[dict[str, Any]]:
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--smoke", action="store_true", help="experiment tiny, two repeats")
     size.add_argument("--full", action="store_true", help="four times the repeats")
-    parser.add_argument("--cases", nargs="+", help="only these: laptop-64, laptop-64-one-thread, laptop-128, quadruped")
     parser.add_argument(
-        "--weights", type=Path, help="time a trained model: its mesh is larger than the first ellipsoid"
+        "--cases", help="only these, separated by commas: laptop-64, laptop-64-one-thread, laptop-128, quadruped"
     )
-    parser.add_argument("--json", type=Path, help="also write the rows to this file")
+    parser.add_argument(
+        "--weights", type=existing_file, help="time a trained model: its mesh is larger than the first ellipsoid"
+    )
+    parser.add_argument("--json", type=new_file, help="also write the rows to this file")
     parser.add_argument("overrides", nargs="*", help="further Hydra overrides, e.g. bank=none")
     args = parser.parse_args(argv)
     torch.use_deterministic_algorithms(True)
     torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]
     cases = cases_of(args)
+    names = args.cases.split(",") if args.cases else list(cases)
+    if unknown := [name for name in names if name not in cases]:
+        parser.error(f"--cases: expected names among {', '.join(cases)}, got {', '.join(unknown)}")
     rows: list[dict[str, Any]] = []
-    for name in args.cases or cases:
+    for name in names:
         for row in measure(cases[name], args.weights, args.overrides, 6):
             rows.append(row)
             print_row(row)

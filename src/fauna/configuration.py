@@ -14,6 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 from fauna.errors import FaunaError
 from fauna.limits import check_ranges
 from fauna.losses.objective import IMAGE_TERMS, TERMS
+from fauna.precision import Precision
 
 ROOT_KEYS = (
     *("encoder", "feature_space", "bank", "embedder", "viewpoint", "shape", "deformation", "rig", "articulation"),
@@ -56,6 +57,8 @@ def _check_root(cfg: DictConfig) -> None:
         "init_from": str | None,
         "init_components": Sequence[str] | None,
         "feature_lookup": Literal["vertices", "pixels"],
+        "field_precision": Precision,
+        "shade_fraction": float,
     }
     for key in cfg:
         if key not in ROOT_KEYS:

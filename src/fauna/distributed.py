@@ -33,10 +33,15 @@ def _several_processes() -> bool:
 
 
 @torch.no_grad()
-def everywhere(flag: torch.Tensor) -> bool:
-    """Whether a boolean scalar is true on every process, so that all of them take the same branch."""
+def everywhere(flag: torch.Tensor, device: torch.device) -> bool:
+    """Whether a boolean scalar is true on every process, so that all of them take the same branch.
+
+    Args:
+        flag: wherever it is.
+        device: on which the processes talk to each other.
+    """
     if _several_processes():
-        votes = flag.to(torch.float32)
+        votes = flag.to(device, torch.float32)
         dist.all_reduce(votes, op=dist.ReduceOp.MIN)
         return bool(votes)
     return bool(flag)

@@ -91,7 +91,7 @@ class FaunaSystem(LightningModule):
             try:
                 losses, out, pair = self.generator_losses(micro, draws)
             except EmptyMeshError:  # counted and named like a non-finite loss
-                terms["total"] = torch.full((), torch.nan)
+                terms["total"] = torch.full((), torch.nan, device=self.device)
                 break
             self.manual_backward(losses.total * share)
             pairs += [] if pair is None else [pair]
@@ -169,7 +169,7 @@ class FaunaSystem(LightningModule):
         average_gradients(parameters)
         grads = [parameter.grad for parameter in parameters if parameter.grad is not None]
         norm = torch.nn.utils.get_total_norm(grads)
-        self.last_finite = everywhere(torch.isfinite(norm + total.detach()))
+        self.last_finite = everywhere(torch.isfinite(norm.to(total.device) + total.detach()), self.device)
         if not self.last_finite:
             for parameter in parameters:
                 parameter.grad = None  # Adam passes over parameters without gradient; the step still counts
@@ -188,7 +188,7 @@ class FaunaSystem(LightningModule):
         parameters = list(self.adversary.parameters())
         average_gradients(parameters)
         norm = torch.nn.utils.get_total_norm([p.grad for p in parameters if p.grad is not None])
-        if everywhere(torch.isfinite(norm)):
+        if everywhere(torch.isfinite(norm), self.device):
             optimizer.step()
         return terms
 

@@ -155,8 +155,9 @@ class FileSource(PhotoSource):
             raise FaunaError(f"{self.image} expects a readable image, got {error.strerror}; restore it") from error
 
     def stamp(self) -> str:
-        """Path, size and time of last change of every file."""
-        return "|".join(_file_stamp(path) for path in (self.image, self.mask, self.box, self.keypoints))
+        """Path, size and time of last change of every file, and how many keypoints are expected."""
+        files = (self.image, self.mask, self.box, self.keypoints)
+        return "|".join((*(_file_stamp(path) for path in files), str(self.num_keypoints)))
 
     def _keypoints(self) -> Float[np.ndarray, "key 3"] | None:
         if self.keypoints is None:

@@ -135,16 +135,19 @@ def _key(photo: Photo, size: int, margin: float) -> str:
 
 
 def _read_index(path: Path | None) -> dict[str, str]:
-    """Verdicts by key; an index that cannot be read is an empty one."""
+    """Keys of usable photos; an index that cannot be read is an empty one.
+
+    Refusals are not remembered: their cause may be mended without a trace in the photo's own files.
+    """
     try:
         lines = path.read_text(encoding="utf-8").splitlines() if path is not None else []
     except (OSError, UnicodeDecodeError):
         return {}
-    return {key: verdict for key, _, verdict in (line.partition(" ") for line in lines) if verdict}
+    return {key: USABLE for key, _, verdict in (line.partition(" ") for line in lines) if verdict == USABLE}
 
 
 def _write_index(path: Path | None, verdicts: dict[str, str]) -> None:
-    """One line per photo: key, blank, verdict."""
+    """One line per usable photo: key, blank, :data:`USABLE`."""
     if path is not None:
-        lines = (f"{key} {' '.join(verdict.split())}\n" for key, verdict in verdicts.items())
+        lines = (f"{key} {verdict}\n" for key, verdict in verdicts.items() if verdict == USABLE)
         write_atomically(path, "".join(lines).encode())

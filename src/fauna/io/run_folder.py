@@ -24,6 +24,9 @@ FREE_TO_CHANGE = (
     "trainer.max_steps",
     "trainer.log_every",
     "trainer.val_every",
+    "data.prefetch",
+    "data.fill_workers",
+    "data.memory_megabytes",
 )
 """Keys that may differ between a run and its continuation without changing what is learned."""
 

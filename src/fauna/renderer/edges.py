@@ -14,7 +14,8 @@ weighted with 1 / (1 + m^4): the weights of both directions sum to 1, and the di
 most. Differentiating both fractions through the crossing to the ends of the edge samples the contour integral of the
 exact derivative of coverage: f'(d) + f'(1 - d) = -1, so every unit of contour counts once. Slope and weight describe
 the sampling and carry no gradient: they do not change under translation and scaling, and for edges shorter than a
-pixel their derivative is noise. Unlike rules that look only at the edges of the triangle seen at a pixel centre, this
+pixel their derivative is noise. A part of the mesh thinner than a pixel is seen only where it covers a pixel centre: its
+coverage and gradient are too small by about its width. Unlike rules that look only at the edges of the triangle seen at a pixel centre, this
 finds every contour however small the triangles are.
 """
 
