@@ -96,15 +96,19 @@ def paired(first: Loaded, other: Loaded, group: str, key: str, *, bootstrap: int
             differences.setdefault(row["species"], []).append(theirs - ours)
     if not differences:
         return {"difference": None, "low": None, "high": None, "p": None, "n": 0}
+    number = sum(map(len, differences.values()))
+    difference = float(np.mean([np.mean(rows) for rows in differences.values()]))
+    if max(map(len, differences.values())) < 2:  # nothing to draw from
+        return {"difference": difference, "low": None, "high": None, "p": None, "n": number}
     replicates = np.mean([_replicates(rows, species, bootstrap, seed) for species, rows in differences.items()], axis=0)
     low, high = np.percentile(replicates, PERCENTILES)
     tail = min(np.mean(replicates <= 0), np.mean(replicates >= 0))
     return {
-        "difference": float(np.mean([np.mean(rows) for rows in differences.values()])),
+        "difference": difference,
         "low": float(low),
         "high": float(high),
         "p": float(min(1.0, max(2 * tail, 1 / bootstrap))),
-        "n": sum(map(len, differences.values())),
+        "n": number,
     }
 
 
@@ -123,7 +127,7 @@ def load(folder: Path) -> Loaded:
             f"compare: expected a folder with report.json and images.json, got {folder} ({type(error).__name__}); "
             "name the out folder of an evaluation"
         ) from error
-    return Loaded(folder.name, report, images)
+    return Loaded(folder.parent.name if folder.name == "evaluation" else folder.name, report, images)
 
 
 def text(result: Mapping[str, Any]) -> str:
@@ -166,7 +170,7 @@ def whole(key: str, value: str) -> int:
     Raises:
         FaunaError: for anything else.
     """
-    if not value.isdigit():
+    if not value.isdigit() or (key == "bootstrap" and int(value) < 1):
         raise FaunaError(f"{key}: expected a whole number, got {value!r}; e.g. {key}=1000")
     return int(value)
 
@@ -199,6 +203,8 @@ def _warnings(loaded: Sequence[Loaded]) -> list[str]:
 def _spell_difference(row: Mapping[str, Any], better: str) -> str:
     if row["difference"] is None:
         return "–"
+    if row["low"] is None:
+        return f"{row['difference']:+.3f}, {row['n']}: one photograph of each species shows nothing"
     good = (row["difference"] > 0) == (better == "higher")
     sign = ("better" if good else "worse") if row["low"] > 0 or row["high"] < 0 else "no difference shown"
     return f"{row['difference']:+.3f} [{row['low']:+.3f}, {row['high']:+.3f}], p {row['p']:.3f}, {row['n']}: {sign}"

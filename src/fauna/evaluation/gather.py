@@ -68,7 +68,9 @@ class Gatherer:
         self.size = size
         self.keypoint_names = tuple(data.source.keypoint_names or ())
         self.facts = dict(facts) | {"size": size, "keypoint_names": list(self.keypoint_names)}
-        self.left_out: LeftOut = []
+        self.left_out: LeftOut = [
+            {"of": "dataset", "name": name, "metric": "all", "reason": reason} for name, reason in data.source.left_out
+        ]
         self.seconds: dict[str, float] = {}
 
     def samples(self) -> dict[str, Sample]:
@@ -141,7 +143,8 @@ class Gatherer:
         photos = [photo for photo in bench.photos if photo.name in wanted][:number]
         for name in check_probes(names):
             with self._timed(f"probe_{name}"):
-                self._reconstructed(f"probe_{name}", photos, lambda free=name: probe(bench, free, options))
+                settings = {"steps": options.steps, "lr": options.lr}
+                self._reconstructed(f"probe_{name}", photos, lambda free=name: probe(bench, free, options), settings)
 
     def finish(self, bench: Bench, settings: Mapping[str, Any]) -> None:
         """Write ``facts.json``; the folder is complete with it."""
@@ -166,8 +169,14 @@ class Gatherer:
         item = pack_prediction(prediction, terms=image_terms(self.model, objective, batch, out))
         return replace(item, arrays={**item.arrays, "code": out.code.cpu().float().numpy()})
 
-    def _reconstructed(self, name: str, photos: Sequence[Photo], prepare: Callable[[], Reconstruct]) -> None:
-        store = self._store(name)
+    def _reconstructed(
+        self,
+        name: str,
+        photos: Sequence[Photo],
+        prepare: Callable[[], Reconstruct],
+        settings: Mapping[str, Any] | None = None,
+    ) -> None:
+        store = self._store(name, settings)
         if not {photo.name for photo in photos} <= set(store.names):
             reconstruct = prepare()
             for photo in self._missing(store, photos, name):
@@ -177,12 +186,12 @@ class Gatherer:
                     self._leave_out(photo, name, error)
         store.flush()
 
-    def _store(self, name: str) -> ArrayStore:
+    def _store(self, name: str, settings: Mapping[str, Any] | None = None) -> ArrayStore:
         identity = {key: self.facts[key] for key in ("size", "keypoint_names")}
         identity |= {"dataset": self.facts["dataset"]["identity"]}
         if name != SAMPLES:
             identity["checkpoint"] = self.facts["checkpoint"]["sha256"]
-        return ArrayStore(self.folder / name, identity=identity)
+        return ArrayStore(self.folder / name, identity=identity | dict(settings or {}))
 
     def _missing(self, store: ArrayStore, photos: Iterable[Photo], described: str) -> Iterable[Photo]:
         known = set(store.names)

@@ -16,7 +16,7 @@ from fauna.evaluation.subjects import HELD_OUT, SEEN
 from fauna.evaluation.summary import table
 from fauna.evaluation.transfers import lookup, read_transfers
 from fauna.metrics.sample import Sample
-from fauna.metrics.score import score, score_transfer
+from fauna.metrics.score import model_flip, score, score_transfer
 
 NOT_FEED_FORWARD = "not feed-forward: fitted to the mask it is scored against"
 
@@ -80,6 +80,8 @@ class Scorer:
         by_name = {prediction.name: prediction for prediction in predictions}
         result: dict[str, Any] = {"metrics": {}, "species": {}, "images": {}}
         started = time.monotonic()
+        everywhere = [name for names in self.facts["groups"].values() for name in names]
+        flip = model_flip([by_name[n] for n in everywhere if n in by_name], [self.samples[n] for n in everywhere])
         for group, names in self.facts["groups"].items():
             found = [by_name[name] for name in names if name in by_name]
             samples = [self.samples[name] for name in names]
@@ -90,6 +92,7 @@ class Scorer:
                 pairs=self.options.pairs,
                 bootstrap=self.options.bootstrap,
                 settings=self.options.settings,
+                flip=flip,
             )
             self._place(result, of, group, scored)
         self.seconds[f"score {of}"] = round(time.monotonic() - started, 2)

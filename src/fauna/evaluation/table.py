@@ -110,7 +110,7 @@ def markdown(result: Mapping[str, Any]) -> str:
         for key in keys:
             value = row["metrics"].get(key, {})
             difference = (row["against_first"] or {}).get(key)
-            clear = difference and difference["n"] and (difference["low"] > 0 or difference["high"] < 0)
+            clear = difference and difference["low"] is not None and (difference["low"] > 0 or difference["high"] < 0)
             cells.append(spell(value.get("value")) + ("*" if clear else ""))
         lines.append(_line(cells))
     note = "A star: the paired 95 % interval of the difference to the first run excludes zero."

@@ -27,6 +27,7 @@ def score(
     pairs: int,
     bootstrap: int,
     settings: Sequence[str] = ("fit_on_test", "similarity"),
+    flip: bool | None = None,
 ) -> dict[str, Any]:
     """Score predictions.
 
@@ -39,6 +40,7 @@ def score(
         settings: settings beyond the plain ones, with keys of their own: ``shared_base`` (keypoint transfer by vertex index; needs
             predictions with equal triangles), ``fit_on_test`` (keypoint map fitted and tested on all photos), ``similarity``
             (surfaces compared after a rigid alignment with scale).
+        flip: whether the model's +z is the tail; ``None`` = decided on these photos (:func:`model_flip`).
 
     Returns:
         ``metrics``: by key ``{value, low, high, n}``, the mean over species; pair metrics also tell ``pairs``. ``global_flip`` is 1
@@ -55,7 +57,7 @@ def score(
     if unknown:
         raise FaunaError(f"settings: expected names among {', '.join(SETTINGS)}, got {unknown[0]!r}; choose among them")
     cases = match(predictions, samples)
-    flip = global_flip(cases)
+    flip = model_flip(predictions, samples) if flip is None else flip
     options = Options(seed, pairs, frozenset(settings), bool(flip))
     outcomes = {species: [metric(of_species, options) for metric in METRICS] for species, of_species in cases.items()}
     names = {species: [case.sample.name for case in of_species] for species, of_species in cases.items()}
@@ -68,6 +70,11 @@ def score(
         "n": count,
     }
     return result
+
+
+def model_flip(predictions: Sequence[Prediction], samples: Sequence[Sample]) -> bool | None:
+    """Whether a model's +z is the tail: one answer for all photos it is scored on, ``None`` without truth."""
+    return global_flip(match(predictions, samples))
 
 
 def score_transfer(

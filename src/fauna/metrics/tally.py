@@ -101,13 +101,15 @@ def summarise(
 
 def _row(value: float, spread: Float[np.ndarray, " replicate"], *tallies: Tally) -> dict[str, Any]:
     spread = spread[np.isfinite(spread)]
-    low, high = np.percentile(spread, PERCENTILES) if len(spread) and np.isfinite(value) else (None, None)
     counted = [tally.owners[tally.counts.any(axis=1)] for tally in tallies]
+    number = sum(len(np.unique(owners)) for owners in counted)
+    known = len(spread) > 0 and np.isfinite(value) and number > 1  # one photo has no spread
+    low, high = np.percentile(spread, PERCENTILES) if known else (None, None)
     row = {
         "value": float(value) if np.isfinite(value) else None,
         "low": None if low is None else float(low),
         "high": None if high is None else float(high),
-        "n": sum(len(np.unique(owners)) for owners in counted),
+        "n": number,
     }
     if any(owners.shape[1] == 2 for owners in counted):
         row["pairs"] = sum(map(len, counted))
