@@ -18,7 +18,8 @@ from typing import Any
 
 import torch
 from arguments import existing_file, new_file
-from step import Clock, Runner, compose_experiment, stages_of
+from clock import Clock
+from step import Runner, compose_experiment, stages_of
 from torch import Tensor
 
 from fauna.build import build_schedule

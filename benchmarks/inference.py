@@ -12,8 +12,8 @@ import json
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import torch
 from arguments import existing_file, new_file
+from clock import Clock
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 from PIL import Image
@@ -40,25 +41,6 @@ PARTS = (
     *("decode", "encoder", "bank", "shape", "embedder", "viewpoint", "deformation", "skeleton", "articulation"),
     *("skinning", "rest"),
 )
-
-
-@dataclass
-class Clock:
-    """Adds up the milliseconds of each part of the reconstruction under way."""
-
-    parts: dict[str, float] = field(default_factory=lambda: defaultdict(float))
-
-    def timed(self, part: str, function: Callable) -> Callable:
-        """The same function, with its time added to a part."""
-
-        def wrapper(*args: Any, **kwargs: Any) -> Any:
-            start = time.perf_counter()
-            try:
-                return function(*args, **kwargs)
-            finally:
-                self.parts[part] += 1e3 * (time.perf_counter() - start)
-
-        return wrapper
 
 
 def decode(path: Path, size: int) -> Tensor:

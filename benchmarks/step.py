@@ -14,9 +14,8 @@ step of ``quadruped`` takes more than a minute and 16 GB: once in one stage, if 
 import argparse
 import json
 import time
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -25,6 +24,7 @@ from unittest.mock import patch
 import numba
 import torch
 from arguments import existing_file, new_file
+from clock import Clock
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 from naive import naive_structure
@@ -56,25 +56,6 @@ PARTS = (
     *("render", "eikonal", "adversarial", "losses", "backward", "optimizer", "discriminator"),
 )
 FORWARD = PARTS[1:12]
-
-
-@dataclass
-class Clock:
-    """Adds up the milliseconds of each part of the step under way."""
-
-    parts: dict[str, float] = field(default_factory=lambda: defaultdict(float))
-
-    def timed(self, part: str, function: Callable) -> Callable:
-        """The same function, with its time added to a part."""
-
-        def wrapper(*args: Any, **kwargs: Any) -> Any:
-            start = time.perf_counter()
-            try:
-                return function(*args, **kwargs)
-            finally:
-                self.parts[part] += 1e3 * (time.perf_counter() - start)
-
-        return wrapper
 
 
 class Runner:
