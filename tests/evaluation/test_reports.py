@@ -7,11 +7,11 @@ from html.parser import HTMLParser
 import pytest
 
 from fauna.errors import FaunaError
-from fauna.evaluation.protocol import DEFINITIONS, definition, lower_is_better
 from fauna.evaluation.published import BANK_SIZES, COMPARISON, ROWS
 from fauna.evaluation.report import write_reports
 from fauna.evaluation.report_md import ordered
 from fauna.evaluation.scoring import ScoreOptions
+from fauna.metrics.keys import DEFINITIONS, definition, lower_is_better
 from tests.evaluation.objects import write_predictions
 
 OPTIONS = ScoreOptions(seed=0, pairs=100, bootstrap=50, settings=("fit_on_test",))

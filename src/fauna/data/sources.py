@@ -154,6 +154,10 @@ class ZooSource(PhotoSource):
         text = f"zoo|{zoo_digest()}|{self.seed}|{self.image_size}|{self.species}|{self.index}"
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
+    def pictured(self) -> str:
+        """The individual: more photographs, or larger ones, of the same zoo show the same animals."""
+        return f"zoo|{self.seed}|{self.species}|{_zoo(self.seed, self.image_size).individual(self.species, self.index)}"
+
     def truth(self) -> Truth3D:
         """Camera, posed surface, legs (vertices whose largest skin weight is a leg's bone) and keypoints; drawn again."""
         zoo = _zoo(self.seed, self.image_size)

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from fauna.errors import FaunaError
-from fauna.evaluation.protocol import lower_is_better
 from fauna.evaluation.report_md import counted, spell
 from fauna.io.run_folder import write_json
+from fauna.metrics.keys import lower_is_better
 from fauna.random import derive_seed
 
 USAGE = "fauna-eval compare REPORT REPORT [REPORT ...] [out=FILE.json] [bootstrap=1000] [seed=0]"

@@ -9,10 +9,10 @@ from typing import Any
 from fauna.evaluation.cases import COLUMNS, DrawnCase, draw_cases
 from fauna.evaluation.draw import CELL
 from fauna.evaluation.gather import read_predictions
-from fauna.evaluation.protocol import lower_is_better
 from fauna.evaluation.report_md import Table, counted, spell, tables
 from fauna.evaluation.scoring import Scorer
 from fauna.evaluation.subjects import HELD_OUT, SEEN
+from fauna.metrics.keys import lower_is_better
 
 STYLE = """
 :root { color-scheme: light; --ink: #1d2a24; --soft: #5d6b64; --line: #dfe5e1; --tint: #f4f7f5; --leaf: #2d7a53; }

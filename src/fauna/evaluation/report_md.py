@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fauna.evaluation.protocol import DEFINITIONS, lower_is_better
+from fauna.metrics.keys import DEFINITIONS, lower_is_better
 
 ORDER = tuple(DEFINITIONS)
 

@@ -3,10 +3,11 @@
 A store that was interrupted holds every shard that was finished and goes on from there.
 """
 
+import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -43,13 +44,15 @@ class ArrayStore:
         folder: made when the first shard is written.
         identity: what the bundles belong to, JSON values; a folder with another identity is refused. ``None`` accepts
             what is there and is for reading.
+        renewed_by: parts of the identity; bundles that differ in nothing else are forgotten instead of refused.
 
     Raises:
         FaunaError: when the folder holds another format or identity.
     """
 
-    def __init__(self, folder: Path, *, identity: Mapping[str, Any] | None) -> None:
+    def __init__(self, folder: Path, *, identity: Mapping[str, Any] | None, renewed_by: Sequence[str] = ()) -> None:
         self.folder = folder
+        self._renewed_by = tuple(renewed_by)
         self._shards: list[dict[str, Any]] = []
         self._pending: list[Item] = []
         self.identity: dict[str, Any] = {} if identity is None else json.loads(json.dumps(identity))
@@ -125,10 +128,18 @@ class ArrayStore:
             ) from error
         if version != FORMAT:
             raise FaunaError(f"{self._index} expects format {FORMAT}, got {version}; evaluate anew into another out")
-        if check and found != self.identity:
-            key = next(key for key in sorted({*found, *self.identity}) if found.get(key) != self.identity.get(key))
+        differ = [key for key in sorted({*found, *self.identity}) if found.get(key) != self.identity.get(key)]
+        if check and differ and set(differ) <= set(self._renewed_by):
+            return
+        if check and differ:
+            key = next(key for key in differ if key not in self._renewed_by)
             raise FaunaError(
                 f"out: expected a new folder or the same evaluation, got {self.folder} made with {key} "
                 f"{found.get(key)!r} instead of {self.identity.get(key)!r}; choose another out"
             )
         self.identity, self._shards = found, shards
+
+
+def names_digest(names: Iterable[str]) -> str:
+    """Digest of a set of names, for identities."""
+    return hashlib.sha256("\n".join(sorted(names)).encode()).hexdigest()

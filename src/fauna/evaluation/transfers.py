@@ -1,6 +1,7 @@
 """Keypoint transfers of a baseline, kept so that they can be scored again without encoder and model."""
 
 import io
+import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from jaxtyping import Float
 from fauna.data.feature_cache import write_atomically
 from fauna.errors import FaunaError
 from fauna.evaluation.baselines.base import Bench, Transfer
+from fauna.evaluation.store import names_digest
 from fauna.metrics.sample import Sample
 from fauna.metrics.score import score_transfer
 
@@ -36,10 +38,9 @@ def record_transfers(
         seed: of the pairs.
         pairs: largest number of them per species.
     """
-    if path.is_file():
-        with np.load(path) as content:
-            if (int(content["seed"]), int(content["pairs"])) == (seed, pairs):
-                return
+    photos = names_digest(f"{group} {name}" for group, names in groups.items() for name in names)
+    if _fits(path, seed=seed, pairs=pairs, photos=photos):
+        return
     transfer = prepare(bench)
     positions: Positions = {}
     for names in groups.values():
@@ -53,7 +54,16 @@ def record_transfers(
 
         if samples:
             score_transfer(recording, samples, seed=seed, pairs=pairs, bootstrap=1)
-    _write(path, positions, seed=seed, pairs=pairs)
+    _write(path, positions, seed=seed, pairs=pairs, photos=photos)
+
+
+def _fits(path: Path, *, seed: int, pairs: int, photos: str) -> bool:
+    """Whether a file was recorded for the same pairs of the same photographs; a broken one does not fit."""
+    try:
+        with np.load(path) as content:
+            return (int(content["seed"]), int(content["pairs"]), str(content["photos"])) == (seed, pairs, photos)
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return False
 
 
 def read_transfers(path: Path, *, seed: int, pairs: int) -> Positions:
@@ -85,7 +95,7 @@ def lookup(positions: Positions, samples: Sequence[Sample]) -> Callable[[int, in
     return transfer
 
 
-def _write(path: Path, positions: Positions, *, seed: int, pairs: int) -> None:
+def _write(path: Path, positions: Positions, *, seed: int, pairs: int, photos: str) -> None:
     names = sorted({name for both in positions for name in both})
     number = {name: place for place, name in enumerate(names)}
     places = np.array([[number[source], number[target]] for source, target in positions], np.int32).reshape(-1, 2)
@@ -97,5 +107,6 @@ def _write(path: Path, positions: Positions, *, seed: int, pairs: int) -> None:
         positions=np.array(list(positions.values()), np.float32),
         seed=np.array(seed),
         pairs=np.array(pairs),
+        photos=np.array(photos),
     )
     write_atomically(path, buffer.getvalue())
