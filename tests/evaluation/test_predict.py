@@ -151,7 +151,8 @@ def test_all_photographs_of_a_named_folder_whatever_their_split(run, tmp_path):
     report = evaluate(configured(f"checkpoint='{run}'", *FAST, *overrides), tmp_path)
     assert report["protocol"]["split"] == "all"
     assert report["metrics"]["iou"]["n"] == 10
-    assert report["protocol"]["dataset"]["includes_training_photos"]
+    assert report["protocol"]["dataset"]["training_photos"] == {"included": 8, "left_out": 0, "unknown": None}
+    assert "8 of the photographs are of those the checkpoint was trained on" in (tmp_path / "report.html").read_text()
 
 
 def test_interrupted_evaluation_continues(run, evaluated, tmp_path, monkeypatch):

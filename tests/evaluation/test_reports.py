@@ -126,7 +126,7 @@ def test_unfinished_or_missing_predictions_are_refused(tmp_path):
 def test_markdown_and_order():
     keys = ["leg_chamfer", "iou", "kt_pck@0.1", "chamfer", "unheard_of", "chamfer_similarity"]
     assert ordered(keys) == ["iou", "kt_pck@0.1", "chamfer", "chamfer_similarity", "leg_chamfer", "unheard_of"]
-    assert definition("kt_pck@0.1_shared_base") == DEFINITIONS["kt_pck@0.1"]
+    assert definition("kt_pck@0.1_shared_base_lr_free") == DEFINITIONS["kt_pck@0.1_shared_base"]
     assert definition("unheard_of") is None
     assert not lower_is_better("azimuth_within_30")
     assert lower_is_better("front_back_flips")

@@ -1,13 +1,11 @@
 """Everything that needs the model or the dataset: samples, predictions, baselines and probes, written to one folder."""
 
 import contextlib
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from rich.progress import track
 
@@ -17,11 +15,10 @@ from fauna.errors import FaunaError
 from fauna.evaluation.baselines import get_baseline
 from fauna.evaluation.baselines.base import Bench, MeshBaseline, Reconstruct
 from fauna.evaluation.predict import predict
-from fauna.evaluation.prediction import Prediction
 from fauna.evaluation.probes import ProbeOptions, check_probes, probe
+from fauna.evaluation.reading import FACTS, MODEL, SAMPLES
 from fauna.evaluation.records import pack_prediction, pack_sample, unpack_prediction, unpack_sample
 from fauna.evaluation.samples import KEYPOINT_METRICS, read_sample
-from fauna.evaluation.shared_base import NAME as SHARED_BASE
 from fauna.evaluation.shared_base import shared_base
 from fauna.evaluation.stopwatch import Stopwatch
 from fauna.evaluation.store import ArrayStore, Item, names_digest
@@ -32,9 +29,10 @@ from fauna.evaluation.transfers import record_transfers
 from fauna.io.run_folder import write_json
 from fauna.losses.objective import Objective
 from fauna.metrics.sample import Sample
+from fauna.metrics.score import SHARED_BASE
 from fauna.model import FaunaModel
 
-SAMPLES, MODEL, FACTS, TIMING = "samples", "model", "facts.json", "timing.json"
+TIMING = "timing.json"
 PHOTOS = "photos"
 """Part of the identity of what depends on all photographs together."""
 UNNAMED = "its keypoints have no names; add keypoint_names.json to the dataset"
@@ -250,41 +248,3 @@ class Gatherer:
         gradients = contextlib.nullcontext() if name.startswith("probe_") else torch.no_grad()
         with self.stopwatch.part(name), gradients:
             yield
-
-
-def read_facts(folder: Path) -> dict[str, Any]:
-    """``facts.json`` of a predictions folder.
-
-    Raises:
-        FaunaError: when it is missing or broken.
-    """
-    try:
-        return json.loads((folder / FACTS).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise FaunaError(
-            f"predictions: expected a finished predictions folder with {FACTS}, got {folder} ({type(error).__name__}); "
-            "name the predictions folder of an evaluation that has ended"
-        ) from error
-
-
-def read_predictions(folder: Path, name: str) -> list[Prediction]:
-    """Stored predictions of the model, a baseline or a probe.
-
-    Raises:
-        FaunaError: when the folder is missing or damaged.
-    """
-    return [unpack_prediction(item) for item in ArrayStore(folder / name, identity=None).items()]
-
-
-def read_terms(folder: Path) -> dict[str, dict[str, float]]:
-    """Image terms of the model's predictions, by photo."""
-    return {item.name: item.notes["terms"] for item in ArrayStore(folder / MODEL, identity=None).items()}
-
-
-def read_samples(folder: Path, keypoint_names: Sequence[str]) -> tuple[dict[str, Sample], dict[str, bytes]]:
-    """Stored samples and their thumbnails, by photo."""
-    samples, pictures = {}, {}
-    for item in ArrayStore(folder / SAMPLES, identity=None).items():
-        samples[item.name] = unpack_sample(item, keypoint_names)
-        pictures[item.name] = np.asarray(item.arrays["thumbnail"]).tobytes()
-    return samples, pictures

@@ -11,6 +11,7 @@ import torch
 
 import fauna
 from fauna.data.photos import Photo
+from fauna.errors import FaunaError
 from fauna.metrics.keys import definition
 
 RULES = {
@@ -35,10 +36,35 @@ def versions() -> dict[str, str]:
     }
 
 
-def photos_digest(photos: Iterable[Photo]) -> str:
-    """Digest of names and pictures, in any order."""
-    rows = sorted(f"{photo.name} {photo.source.content_key()}" for photo in photos)
-    return hashlib.sha256("\n".join(rows).encode()).hexdigest()
+def photo_keys(photos: Iterable[Photo]) -> dict[str, str]:
+    """By name a key that changes with a photograph's picture, mask, box or keypoints; files may be missing."""
+    return {photo.name: _key(photo) for photo in photos}
+
+
+def _key(photo: Photo) -> str:
+    try:
+        return f"{photo.source.content_key()} {photo.source.annotation_key()}".strip()
+    except FaunaError:  # said when the photograph's turn comes
+        return "unreadable"
+
+
+def photos_digest(keys: Mapping[str, str]) -> str:
+    """Digest of the names and keys of photographs."""
+    return hashlib.sha256("\n".join(sorted(f"{name} {key}" for name, key in keys.items())).encode()).hexdigest()
+
+
+def training_warning(dataset: Mapping[str, Any]) -> str | None:
+    """What a reader must know about photographs of the training among those of the report; ``None`` if there are none.
+
+    Args:
+        dataset: ``dataset`` of the protocol.
+    """
+    training = dataset["training_photos"]
+    if training["unknown"]:
+        return f"whether the checkpoint was trained on some of the photographs is not known: {training['unknown']}"
+    if training["included"]:
+        return f"{training['included']} of the photographs are of those the checkpoint was trained on"
+    return None
 
 
 def build_protocol(facts: Mapping[str, Any], options: Mapping[str, Any], keys: Iterable[str]) -> dict[str, Any]:

@@ -8,7 +8,8 @@ from typing import Any
 
 from fauna.evaluation.cases import COLUMNS, DrawnCase, draw_cases
 from fauna.evaluation.draw import CELL
-from fauna.evaluation.gather import read_predictions
+from fauna.evaluation.protocol import training_warning
+from fauna.evaluation.reading import read_predictions
 from fauna.evaluation.report_md import Table, counted, spell, tables
 from fauna.evaluation.scoring import Scorer
 from fauna.evaluation.subjects import HELD_OUT, SEEN
@@ -82,14 +83,13 @@ def _top(report: Mapping[str, Any]) -> str:
         if row["value"] is not None and not lower_is_better(key) and len(cards) < 6:
             span = f"{spell(row['low'])} to {spell(row['high'])}, n = {row['n']}"
             cards.append(f'<div class="card"><b>{spell(row["value"])}</b>{html.escape(key)}<span>{span}</span></div>')
-    warning = ""
-    if dataset["includes_training_photos"]:
-        warning = '<p class="warn">The photographs include those the checkpoint was trained on.</p>'
+    warning = training_warning(dataset)
+    shown = f'<p class="warn">{html.escape(warning)}</p>' if warning else ""
     return (
         f"<h1>{html.escape(str(checkpoint['run']))}</h1>"
         f'<p class="soft">{html.escape(checkpoint["file"])}, step {checkpoint["step"]}, on {total} photographs of '
         f"{html.escape(dataset['identity'])} ({html.escape(protocol['split'])}); every photograph counted once, species equally.</p>"
-        f'{warning}<nav><a href="#cases">cases</a><a href="#protocol">protocol</a></nav>'
+        f'{shown}<nav><a href="#cases">cases</a><a href="#protocol">protocol</a></nav>'
         f'<div class="cards">{"".join(cards)}</div>'
     )
 

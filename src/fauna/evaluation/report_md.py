@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from fauna.evaluation.protocol import training_warning
 from fauna.metrics.keys import DEFINITIONS, lower_is_better
 
 ORDER = tuple(DEFINITIONS)
@@ -114,8 +115,8 @@ def _facts(report: Mapping[str, Any]) -> list[str]:
         f"* seed {protocol['seed']}, at most {protocol['pairs']} ordered pairs per species, {protocol['bootstrap']} bootstrap "
         f"replicates, masks at {protocol['size']} pixels",
     ]
-    if dataset["includes_training_photos"]:
-        lines.append("* **the photographs include those the checkpoint was trained on**")
+    if warning := training_warning(dataset):
+        lines.append(f"* **{warning}**")
     lines += [f"* {name}: {rule}" for name, rule in protocol["rules"].items()]
     lines.append("* versions: " + ", ".join(f"{name} {version}" for name, version in protocol["versions"].items()))
     return lines

@@ -20,8 +20,6 @@ from fauna.evaluation.prediction import Prediction
 from fauna.model import FaunaModel
 from fauna.types import BankReadout
 
-NAME = "shared_base"
-
 
 class OneCode(Bank):
     """Answers every query with the same code.

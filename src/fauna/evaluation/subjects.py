@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 from fauna.data.datamodule import PhotoDataModule, Split
 from fauna.data.fauna_folder import CategoryPhotos
 from fauna.data.photos import Photo, PhotoSource
 from fauna.data.splits import taking_turns
 from fauna.errors import FaunaError
+from fauna.evaluation.protocol import photos_digest
 from fauna.evaluation.trained_on import TrainingPhotos
 
 SPLITS = ("all", "train", "val", "test", "held_out")
@@ -97,6 +98,30 @@ def choose(
         f"data.split: expected a split with photos in {data.source.identity}, got {tried[-1]}, which has none; "
         f"choose one of {', '.join(SPLITS)}"
     )
+
+
+def dataset_facts(
+    identity: str, source: Any, keys: Mapping[str, str], subjects: Subjects, training: TrainingPhotos
+) -> dict[str, Any]:
+    """Identity of the photographs for the protocol, and what the checkpoint has to do with them.
+
+    Args:
+        identity: of the dataset.
+        source: its configuration.
+        keys: of :func:`fauna.evaluation.protocol.photo_keys`.
+        subjects: the photographs.
+        training: of the checkpoint.
+    """
+    return {
+        "identity": identity,
+        "sha256": photos_digest(keys),
+        "source": source,
+        "training_photos": {
+            "included": len(subjects.trained_on),
+            "left_out": len(subjects.left_out),
+            "unknown": training.problem,
+        },
+    }
 
 
 def _groups(data: PhotoDataModule, listed: Mapping[str, CategoryPhotos], split: str, *, also_held_out: bool) -> Groups:

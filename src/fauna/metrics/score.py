@@ -16,7 +16,8 @@ from fauna.metrics.transfer import Transfer, transfer_by_function
 from fauna.metrics.truth_metrics import global_flip, surface_metric, viewpoint_metric
 
 METRICS: tuple[Metric, ...] = (iou_metric, transfer_metric, map_metric, surface_metric, viewpoint_metric)
-SETTINGS = ("shared_base", "fit_on_test", "similarity")
+SHARED_BASE = "shared_base"
+SETTINGS = (SHARED_BASE, "fit_on_test", "similarity")
 
 
 def score(
