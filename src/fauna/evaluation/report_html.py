@@ -122,7 +122,8 @@ def _cases(title: str, cases: Sequence[DrawnCase]) -> str:
         parts.append(f'<h3>{html.escape(species)}</h3><div class="heads">{heads}</div>')
         for case in rows:
             source = f", keypoints from {case.source}" if case.source else ""
-            caption = html.escape(f"{case.rank}: {case.name}, IoU {spell(case.score)}{source}")
+            score = f", {case.key} {spell(case.score)}" if case.key else ""
+            caption = html.escape(f"{case.rank}: {case.name}{score}{source}")
             picture = f'<img alt="{caption}" src="data:image/png;base64,{case.png}">'
             parts.append(f'<figure class="case">{picture}<figcaption>{caption}</figcaption></figure>')
     return "\n".join(parts)

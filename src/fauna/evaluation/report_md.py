@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fauna.evaluation.protocol import training_warning
+from fauna.evaluation.subjects import HELD_OUT, SEEN
 from fauna.metrics.keys import DEFINITIONS, lower_is_better
 
 ORDER = tuple(DEFINITIONS)
@@ -81,7 +82,8 @@ def tables(report: Mapping[str, Any]) -> list[Table]:
     for group, scored in _groups(report):
         found.append(_metrics(f"All metrics, {group}", scored["metrics"]))
         found.append(_species(f"By species, {group}", scored["species"]))
-    found.append(_baselines(report))
+    for group, (title, _) in zip((SEEN, HELD_OUT), _groups(report), strict=False):
+        found.append(_baselines(title, group, report))
     for name, probe in report["probes"].items():
         found.append(_probe(name, probe))
     found += [_keypoints(name, row["keypoints"]) for name, row in report["species"].items() if row["keypoints"]]
@@ -138,14 +140,19 @@ def _species(title: str, species: Mapping[str, Any]) -> Table:
     return Table(title, "", ("species", *keys), rows)
 
 
-def _baselines(report: Mapping[str, Any]) -> Table:
+def _baselines(title: str, group: str, report: Mapping[str, Any]) -> Table:
+    """The model and the baselines on one group of photographs, ``metrics`` or ``held_out``."""
+
+    def of(scored: Mapping[str, Any]) -> Mapping[str, Any]:
+        return (scored if group == SEEN else scored.get(group, {})).get("metrics", {})
+
     baselines = report["baselines"]
-    note = " ".join(f"**{name}**: {row['description']}" for name, row in baselines.items())
-    keys = counted(report["metrics"])
-    rows = [("the model", *(spell(report["metrics"][key]["value"]) for key in keys))]
+    keys = counted(of(report))
+    rows = [("the model", *(spell(of(report)[key]["value"]) for key in keys))]
     for name, row in baselines.items():
-        rows.append((name, *(spell(row["metrics"].get(key, {}).get("value")) for key in keys)))
-    return Table("Baselines", note, ("", *keys), rows if baselines else [])
+        rows.append((name, *(spell(of(row).get(key, {}).get("value")) for key in keys)))
+    note = " ".join(f"**{name}**: {row['description']}" for name, row in baselines.items())
+    return Table(f"Baselines, {title}", note, ("", *keys), rows if baselines and keys else [])
 
 
 def _probe(name: str, probe: Mapping[str, Any]) -> Table:
