@@ -227,6 +227,7 @@ def test_probes_are_marked(run, tmp_path):
         (["checkpoint=a", "data.split=vla"], "data.split: expected one of all, train"),
         (["checkpoint=a", "baselines=[magic]"], "baselines: expected names among .*box_copy"),
         (["checkpoint=a", "probes=[legs]"], "probes: expected names among angles"),
+        (["checkpoint=a", "settings=[magic]"], "settings: expected names among shared_base"),
         (["checkpoint=a", "pairs=0"], "pairs: expected"),
         (["checkpoint=a", "pairs=many"], "pairs: expected a whole number"),
         (["predictions=/nowhere/at/all"], "finished predictions folder"),

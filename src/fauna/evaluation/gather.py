@@ -120,7 +120,7 @@ class Gatherer:
         return samples
 
     def predictions(self, samples: Mapping[str, Sample], objective: Objective) -> Bench:
-        """Reconstruct the photographs one by one.
+        """Reconstruct the photographs one by one. A folder that was finished is unfinished from here on.
 
         Args:
             samples: of :meth:`samples`.
@@ -128,6 +128,7 @@ class Gatherer:
         """
         photos = [photo for photo in self.subjects.photos if photo.name in samples]
         store = self._store(MODEL)
+        (self.folder / FACTS).unlink(missing_ok=True)  # not finished again before :meth:`finish`
         plain = replace(objective, weighting="uniform")
         with self._timed(MODEL):
             for photo in self._missing(store, photos, "reconstructions"):

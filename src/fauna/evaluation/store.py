@@ -130,6 +130,7 @@ class ArrayStore:
             raise FaunaError(f"{self._index} expects format {FORMAT}, got {version}; evaluate anew into another out")
         differ = [key for key in sorted({*found, *self.identity}) if found.get(key) != self.identity.get(key)]
         if check and differ and set(differ) <= set(self._renewed_by):
+            self._index.unlink()  # its shards are written over
             return
         if check and differ:
             key = next(key for key in differ if key not in self._renewed_by)
