@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -12,6 +12,10 @@ from fauna._conf import CONF_DIR
 from fauna.cli import run_cli
 from fauna.errors import FaunaError
 from fauna.limits import check_ranges
+
+if TYPE_CHECKING:
+    from fauna.evaluation.gather import Gatherer
+    from fauna.losses.objective import Objective
 
 WHOLE = ("max_photos", "pictures", "threads", "size", "pairs", "bootstrap", "probe_steps", "probe_photos")
 MAY_BE_NULL = ("max_photos", "threads")
@@ -66,13 +70,11 @@ def predict_checkpoint(cfg: DictConfig, folder: Path) -> None:
 
     from fauna.build import build_encoder, build_model
     from fauna.evaluation.gather import Gatherer
-    from fauna.evaluation.probes import ProbeOptions
     from fauna.evaluation.protocol import photo_keys
     from fauna.evaluation.subjects import choose, dataset_facts
     from fauna.evaluation.trained_on import training_photos
     from fauna.evaluation.weights import facts, locate
     from fauna.io.checkpoint import load_weights, read_weights
-    from fauna.metrics.score import SHARED_BASE
     from fauna.threads import set_threads
 
     set_threads(cfg.threads)
@@ -104,11 +106,19 @@ def predict_checkpoint(cfg: DictConfig, folder: Path) -> None:
         facts={"checkpoint": facts(path, metadata), "dataset": dataset},
         size=cfg.size,
     )
+    _fill(gatherer, cfg, instantiate(stored.losses, _convert_="all"))
+
+
+def _fill(gatherer: "Gatherer", cfg: DictConfig, objective: "Objective") -> None:
+    """All that was asked for, in the order in which one needs the other."""
+    from fauna.evaluation.probes import ProbeOptions
+    from fauna.metrics.score import SHARED_BASE
+
     samples = gatherer.samples()
     if not samples:
         reason = gatherer.left_out[-1]["reason"]
         raise FaunaError(f"data: expected at least one usable photograph, got none; first problem: {reason}")
-    bench = gatherer.predictions(samples, instantiate(stored.losses, _convert_="all"))
+    bench = gatherer.predictions(samples, objective)
     if SHARED_BASE in cfg.settings:
         gatherer.shared_base(bench)
     gatherer.baselines(bench, cfg.baselines, seed=cfg.seed, pairs=cfg.pairs)
