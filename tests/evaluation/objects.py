@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from fauna.evaluation.prediction import Prediction
-from fauna.evaluation.reading import FACTS
+from fauna.evaluation.reading import FACTS, FORMAT
 from fauna.evaluation.records import pack_prediction, pack_sample
 from fauna.evaluation.store import ArrayStore
 from fauna.geometry.camera import make_camera
@@ -96,6 +96,7 @@ def write_predictions(folder: Path, *, grow: int = 0, keypoints: bool = True, he
         groups["held_out"] = [name for name in names if name not in seen]
     checkpoint = {"file": "weights.safetensors", "run": "boxes", "sha256": "0" * 64, "step": 3, "encoder": "none"}
     facts = {
+        "format": FORMAT,
         "checkpoint": {**checkpoint, "species": ["long", "round"], "trained_on": {}, "config": {}},
         "dataset": {"identity": "boxes", "sha256": "1" * 64, "training_photos": {"included": 0, "unknown": None}},
         "size": SIZE,

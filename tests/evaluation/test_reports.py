@@ -123,6 +123,13 @@ def test_unfinished_or_missing_predictions_are_refused(tmp_path):
         write_reports(tmp_path, tmp_path / "out", OPTIONS, pictures=1)
 
 
+def test_predictions_of_an_earlier_version_are_refused(predictions, tmp_path):
+    facts = json.loads((predictions / "facts.json").read_text())
+    (predictions / "facts.json").write_text(json.dumps({key: row for key, row in facts.items() if key != "format"}))
+    with pytest.raises(FaunaError, match="of another version; evaluate the checkpoint again"):
+        write_reports(predictions, tmp_path / "out", OPTIONS, pictures=1)
+
+
 def test_markdown_and_order():
     keys = ["leg_chamfer", "iou", "kt_pck@0.1", "chamfer", "unheard_of", "chamfer_similarity"]
     assert ordered(keys) == ["iou", "kt_pck@0.1", "chamfer", "chamfer_similarity", "leg_chamfer", "unheard_of"]

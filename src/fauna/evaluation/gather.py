@@ -16,7 +16,7 @@ from fauna.evaluation.baselines import get_baseline
 from fauna.evaluation.baselines.base import Bench, MeshBaseline, Reconstruct
 from fauna.evaluation.predict import predict
 from fauna.evaluation.probes import ProbeOptions, check_probes, probe
-from fauna.evaluation.reading import FACTS, MODEL, SAMPLES
+from fauna.evaluation.reading import FACTS, FORMAT, MODEL, SAMPLES
 from fauna.evaluation.records import pack_prediction, pack_sample, unpack_prediction, unpack_sample
 from fauna.evaluation.samples import KEYPOINT_METRICS, read_sample
 from fauna.evaluation.shared_base import shared_base
@@ -33,8 +33,7 @@ from fauna.metrics.score import SHARED_BASE
 from fauna.model import FaunaModel
 
 TIMING = "timing.json"
-PHOTOS = "photos"
-"""Part of the identity of what depends on all photographs together."""
+PHOTOS = "photos"  # part of the identity of what depends on all photographs together
 UNNAMED = "its keypoints have no names; add keypoint_names.json to the dataset"
 LeftOut = list[dict[str, str]]
 """Rows ``of`` (the model, a baseline or a probe), ``name`` of the photograph, ``metric``, ``reason``."""
@@ -190,7 +189,7 @@ class Gatherer:
     def finish(self, bench: Bench, settings: Mapping[str, Any]) -> None:
         """Write ``facts.json``; the folder is complete with it."""
         content = {
-            **self.facts,
+            **self.facts | {"format": FORMAT},
             "split": self.subjects.split,
             "groups": self._groups(bench),
             "settings": {**settings, "probed": self.probed},

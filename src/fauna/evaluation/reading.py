@@ -14,21 +14,28 @@ from fauna.evaluation.store import ArrayStore
 from fauna.metrics.sample import Sample
 
 SAMPLES, MODEL, FACTS = "samples", "model", "facts.json"
+FORMAT = 2
+"""Of ``facts.json``."""
 
 
 def read_facts(folder: Path) -> dict[str, Any]:
     """``facts.json`` of a predictions folder.
 
     Raises:
-        FaunaError: when it is missing or broken.
+        FaunaError: when it is missing, broken or of another version.
     """
     try:
-        return json.loads((folder / FACTS).read_text(encoding="utf-8"))
+        facts = json.loads((folder / FACTS).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise FaunaError(
             f"predictions: expected a finished predictions folder with {FACTS}, got {folder} ({type(error).__name__}); "
             "name the predictions folder of an evaluation that has ended"
         ) from error
+    if not isinstance(facts, dict) or facts.get("format") != FORMAT:
+        raise FaunaError(
+            f"predictions: expected {folder / FACTS} of format {FORMAT}, got one of another version; evaluate the checkpoint again"
+        )
+    return facts
 
 
 def read_predictions(folder: Path, name: str) -> list[Prediction]:

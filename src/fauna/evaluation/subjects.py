@@ -89,13 +89,18 @@ def choose(
             looked_at = name if SEEN in groups or split is not None else HELD_OUT
             included = tuple(each for each in kept if each in trained_on)
             return Subjects(looked_at, groups, included, tuple(dict.fromkeys(left_out)))
+    raise FaunaError(_nothing(data, tried[-1], len(left_out)))
+
+
+def _nothing(data: PhotoDataModule, split: str, left_out: int) -> str:
+    """Why there is no photograph to look at."""
     if left_out:
-        raise FaunaError(
+        return (
             f"data.split: expected photos of {data.source.identity} that the checkpoint was not trained on, got "
-            f"{len(left_out)} of its training photos only; use data.split=all to look at them nevertheless"
+            f"{left_out} of its training photos only; use data.split=all to look at them nevertheless"
         )
-    raise FaunaError(
-        f"data.split: expected a split with photos in {data.source.identity}, got {tried[-1]}, which has none; "
+    return (
+        f"data.split: expected a split with photos in {data.source.identity}, got {split}, which has none; "
         f"choose one of {', '.join(SPLITS)}"
     )
 
