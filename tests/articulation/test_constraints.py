@@ -12,7 +12,7 @@ FEET = [8, 11, 14, 17]
 
 
 def degrees(name: str) -> torch.Tensor:
-    return torch.rad2deg(angle_limits(name, max_angle_deg=60.0, body_twist_deg=6.0))
+    return torch.rad2deg(angle_limits(name, max_angle_deg=60.0, body_sideways_deg=60.0, body_twist_deg=6.0))
 
 
 @pytest.mark.parametrize("name", list(LEG_LIMITS))
@@ -34,10 +34,10 @@ def test_sideways_and_twist_of_the_legs(name, upper, middle, feet):
 
 
 def test_no_limit_exceeds_the_maximum():
-    limits = angle_limits("paper", max_angle_deg=5.0, body_twist_deg=6.0)
+    limits = angle_limits("paper", max_angle_deg=5.0, body_sideways_deg=60.0, body_twist_deg=6.0)
     assert float(limits.max()) == pytest.approx(math.radians(5.0))
 
 
 def test_unknown_names_are_refused():
     with pytest.raises(FaunaError, match="early, paper, released, got 'late'"):
-        angle_limits("late", max_angle_deg=60.0, body_twist_deg=6.0)
+        angle_limits("late", max_angle_deg=60.0, body_sideways_deg=60.0, body_twist_deg=6.0)

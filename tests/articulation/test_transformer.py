@@ -31,6 +31,7 @@ OPTIONS = {
     "output_gain": 0.5,
     "output_init": 1.0,
     "max_angle_deg": 60.0,
+    "body_sideways_deg": 60.0,
     "body_twist_deg": 6.0,
 }
 

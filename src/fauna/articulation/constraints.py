@@ -48,12 +48,13 @@ LEG_LIMITS: Mapping[str, Callable[[Limits], Limits]] = {"early": early, "paper":
 """Limits of the legs, by the name used in ``schedule.leg_limits``."""
 
 
-def angle_limits(leg_limits: str, *, max_angle_deg: float, body_twist_deg: float) -> Limits:
+def angle_limits(leg_limits: str, *, max_angle_deg: float, body_sideways_deg: float, body_twist_deg: float) -> Limits:
     """Largest absolute angle of every bone about every axis, radians.
 
     Args:
         leg_limits: a name of :data:`LEG_LIMITS`.
         max_angle_deg: limit of everything that is not limited further.
+        body_sideways_deg: limit of the sideways bend of spine bones (paper: none of its own).
         body_twist_deg: limit of the twist of spine bones.
 
     Raises:
@@ -64,5 +65,6 @@ def angle_limits(leg_limits: str, *, max_angle_deg: float, body_twist_deg: float
             f"schedule.leg_limits must name one of {', '.join(LEG_LIMITS)}, got {leg_limits!r}; correct the name"
         )
     limits = LEG_LIMITS[leg_limits](torch.full((NUM_BONES, 3), math.radians(max_angle_deg)))
+    limits[:NUM_BODY_BONES, 1] = math.radians(body_sideways_deg)
     limits[:NUM_BODY_BONES, 2] = math.radians(body_twist_deg)
     return limits.clamp(max=math.radians(max_angle_deg))

@@ -48,6 +48,7 @@ class ArticulationTransformer(Articulation):
         output_gain: angles are ``tanh(output_gain * output)`` times their limit.
         output_init: factor on the initial weights of the last layer (paper: 1; small = bones start almost straight).
         max_angle_deg: largest angle, degrees.
+        body_sideways_deg: largest sideways bend of spine bones, degrees.
         body_twist_deg: largest twist of spine bones, degrees.
     """
 
@@ -72,6 +73,7 @@ class ArticulationTransformer(Articulation):
         output_gain: float,
         output_init: float,
         max_angle_deg: float,
+        body_sideways_deg: float,
         body_twist_deg: float,
     ) -> None:
         super().__init__()
@@ -88,8 +90,7 @@ class ArticulationTransformer(Articulation):
         self.position_scale = position_scale
         self.camera_distance = camera_distance
         self.output_gain = output_gain
-        self.max_angle_deg = max_angle_deg
-        self.body_twist_deg = body_twist_deg
+        self.angles_deg = (max_angle_deg, body_sideways_deg, body_twist_deg)
         local_width = key_dim if local_dim is None else local_dim
         self.project_local = nn.Identity() if local_dim is None else nn.Linear(key_dim, local_dim, bias=False)
         self.normalize_global = nn.LayerNorm(geometry_dim) if normalize_inputs else nn.Identity()
@@ -138,7 +139,7 @@ class ArticulationTransformer(Articulation):
         if self.bone_code is not None:
             tokens = tokens + self.bone_code
         output = self.out_layer(self.blocks(tokens))
-        limits = _limits(leg_limits, self.max_angle_deg, self.body_twist_deg)
+        limits = _limits(leg_limits, *self.angles_deg)
         return Pose(torch.tanh(self.output_gain * output) * constant(limits, output))
 
     @torch.no_grad()
@@ -193,8 +194,8 @@ class ArticulationTransformer(Articulation):
 
 
 @lru_cache(maxsize=64)
-def _limits(leg_limits: str, max_angle_deg: float, body_twist_deg: float) -> tuple[tuple[float, ...], ...]:
-    limits = angle_limits(leg_limits, max_angle_deg=max_angle_deg, body_twist_deg=body_twist_deg)
+def _limits(leg_limits: str, largest: float, sideways: float, twist: float) -> tuple[tuple[float, ...], ...]:
+    limits = angle_limits(leg_limits, max_angle_deg=largest, body_sideways_deg=sideways, body_twist_deg=twist)
     return tuple(map(tuple, limits.tolist()))
 
 
