@@ -155,5 +155,5 @@ def test_quiet_overrides_name_callbacks():
 def test_sweep_flag_may_stand_anywhere(monkeypatch):
     monkeypatch.setattr(sys, "argv", ["fauna-train", "+experiment=tiny", "-m", "seed=0,1"])
     seen: list[list[str]] = []
-    run_cli(lambda: seen.append(list(sys.argv)))
+    run_cli(lambda: seen.append(list(sys.argv)), "fauna-train")
     assert seen == [["fauna-train", "-m", "+experiment=tiny", "seed=0,1"]]

@@ -1,14 +1,12 @@
 """Everything that needs the model or the dataset: samples, predictions, baselines and probes, written to one folder."""
 
 import contextlib
-import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from rich.progress import track
 
@@ -18,11 +16,11 @@ from fauna.errors import FaunaError
 from fauna.evaluation.baselines import get_baseline
 from fauna.evaluation.baselines.base import Bench, MeshBaseline, Reconstruct
 from fauna.evaluation.predict import predict
-from fauna.evaluation.prediction import Prediction
 from fauna.evaluation.probes import ProbeOptions, check_probes, probe
 from fauna.evaluation.records import pack_prediction, pack_sample, unpack_prediction, unpack_sample
 from fauna.evaluation.samples import read_sample
 from fauna.evaluation.store import ArrayStore, Item
+from fauna.evaluation.stored import FACTS, MODEL, SAMPLES
 from fauna.evaluation.subjects import SEEN, Subjects
 from fauna.evaluation.summary import image_terms
 from fauna.evaluation.transfers import record_transfers
@@ -31,7 +29,6 @@ from fauna.losses.objective import Objective
 from fauna.metrics.sample import Sample
 from fauna.model import FaunaModel
 
-SAMPLES, MODEL, FACTS = "samples", "model", "facts.json"
 LeftOut = list[dict[str, str]]
 """Rows ``of`` (the model, a baseline or a probe), ``name`` of the photograph, ``metric``, ``reason``."""
 
@@ -207,41 +204,3 @@ class Gatherer:
         with torch.no_grad() if not name.startswith("probe_") else contextlib.nullcontext():
             yield
         self.seconds[name] = time.monotonic() - started
-
-
-def read_facts(folder: Path) -> dict[str, Any]:
-    """``facts.json`` of a predictions folder.
-
-    Raises:
-        FaunaError: when it is missing or broken.
-    """
-    try:
-        return json.loads((folder / FACTS).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise FaunaError(
-            f"predictions: expected a finished predictions folder with {FACTS}, got {folder} ({type(error).__name__}); "
-            "name the predictions folder of an evaluation that has ended"
-        ) from error
-
-
-def read_predictions(folder: Path, name: str) -> list[Prediction]:
-    """Stored predictions of the model, a baseline or a probe.
-
-    Raises:
-        FaunaError: when the folder is missing or damaged.
-    """
-    return [unpack_prediction(item) for item in ArrayStore(folder / name, identity=None).items()]
-
-
-def read_terms(folder: Path) -> dict[str, dict[str, float]]:
-    """Image terms of the model's predictions, by photo."""
-    return {item.name: item.notes["terms"] for item in ArrayStore(folder / MODEL, identity=None).items()}
-
-
-def read_samples(folder: Path, keypoint_names: Sequence[str]) -> tuple[dict[str, Sample], dict[str, bytes]]:
-    """Stored samples and their thumbnails, by photo."""
-    samples, pictures = {}, {}
-    for item in ArrayStore(folder / SAMPLES, identity=None).items():
-        samples[item.name] = unpack_sample(item, keypoint_names)
-        pictures[item.name] = np.asarray(item.arrays["thumbnail"]).tobytes()
-    return samples, pictures

@@ -8,10 +8,10 @@ from typing import Any
 
 from fauna.evaluation.cases import COLUMNS, DrawnCase, draw_cases
 from fauna.evaluation.draw import CELL
-from fauna.evaluation.gather import read_predictions
 from fauna.evaluation.protocol import lower_is_better
 from fauna.evaluation.report_md import Table, counted, spell, tables
 from fauna.evaluation.scoring import Scorer
+from fauna.evaluation.stored import read_predictions
 from fauna.evaluation.subjects import HELD_OUT, SEEN
 
 STYLE = """

@@ -7,6 +7,8 @@ from typing import Any
 from fauna.evaluation.protocol import DEFINITIONS, lower_is_better
 
 ORDER = tuple(DEFINITIONS)
+NEITHER = ("global_flip",)
+"""Keys that state a fact about the model and are not to be maximised."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,17 @@ def ordered(keys: Iterable[str]) -> list[str]:
 def counted(metrics: Mapping[str, Any]) -> list[str]:
     """Keys that count at least one photograph, in order; tables leave the others out, ``report.json`` does not."""
     return ordered(key for key, row in metrics.items() if row["n"])
+
+
+def better(key: str) -> str:
+    """Which values of a metric are the better ones; empty where neither are.
+
+    >>> better("iou"), better("chamfer"), better("global_flip")
+    ('higher', 'lower', '')
+    """
+    if key in NEITHER:
+        return ""
+    return "lower" if lower_is_better(key) else "higher"
 
 
 def headline(report: Mapping[str, Any]) -> str:
@@ -125,9 +138,8 @@ def _metrics(title: str, metrics: Mapping[str, Any]) -> Table:
     rows = []
     for key in counted(metrics):
         row = metrics[key]
-        better = "lower" if lower_is_better(key) else "higher"
         span = f"{spell(row['low'])} to {spell(row['high'])}"
-        rows.append((key, spell(row["value"]), span, str(row["n"]), str(row.get("pairs", "")), better))
+        rows.append((key, spell(row["value"]), span, str(row["n"]), str(row.get("pairs", "")), better(key) or "–"))
     return Table(title, "", ("key", "value", "95 % interval", "images", "pairs", "better"), rows)
 
 

@@ -10,13 +10,15 @@ from typing import Any
 from fauna.errors import FaunaError
 from fauna.evaluation.baselines import get_baseline
 from fauna.evaluation.baselines.base import MeshBaseline
-from fauna.evaluation.gather import read_facts, read_predictions, read_samples, read_terms
 from fauna.evaluation.prediction import Prediction
+from fauna.evaluation.stored import FACTS, read_facts, read_predictions, read_samples, read_terms
 from fauna.evaluation.subjects import HELD_OUT, SEEN
 from fauna.evaluation.summary import table
+from fauna.evaluation.tallies import NamedTally
 from fauna.evaluation.transfers import lookup, read_transfers
 from fauna.metrics.sample import Sample
 from fauna.metrics.score import model_flip, score, score_transfer
+from fauna.metrics.tally import Tally
 
 NOT_FEED_FORWARD = "not feed-forward: fitted to the mask it is scored against"
 
@@ -44,6 +46,9 @@ class Scorer:
     Args:
         folder: finished predictions folder.
         options: see :class:`ScoreOptions`.
+
+    Raises:
+        FaunaError: when the folder is unfinished or damaged.
     """
 
     def __init__(self, *, folder: Path, options: ScoreOptions) -> None:
@@ -51,15 +56,24 @@ class Scorer:
         self.options = options
         self.facts = read_facts(folder)
         self.samples, self.pictures = read_samples(folder, self.facts["keypoint_names"])
+        absent = sorted({name for names in self.facts["groups"].values() for name in names} - set(self.samples))
+        if absent:
+            raise FaunaError(
+                f"predictions: expected a sample of every photograph that {FACTS} names, got none of {absent[0]} in {folder}; "
+                "delete the folder and evaluate anew"
+            )
         self.left_out: list[dict[str, str]] = list(self.facts["left_out"])
         self.seconds: dict[str, float] = {}
 
     def tables(self) -> dict[str, Any]:
-        """``metrics``, ``species``, ``held_out``, ``baselines``, ``probes``, ``validation``, ``images``, ``left_out``."""
+        """``metrics``, ``species``, ``held_out``, ``baselines``, ``probes``, ``validation``, ``left_out``; and for files of their own
+        ``images`` and ``tallies``, by group.
+        """
         settings = self.facts["settings"]
         model = read_predictions(self.folder, "model")
         result = self._groups("model", model)
         images = {group: self._with_species(scored.pop("images")) for group, scored in _parts(result)}
+        tallies = {group: _named(scored.pop("tallies"), images[group]) for group, scored in _parts(result)}
         baselines = {name: self._baseline(name) for name in settings["baselines"]}
         probes = {name: self._probe(name, model) for name in settings["probes"]}
         terms = defaultdict(list)
@@ -72,13 +86,14 @@ class Scorer:
             "probes": probes,
             "validation": table(terms),
             "images": images,
+            "tallies": tallies,
             "left_out": _counted(self.left_out + self._absent(), self.samples),
         }
 
     def _groups(self, of: str, predictions: Sequence[Prediction]) -> dict[str, Any]:
         """Scores of the main group, with those of held-out species under ``held_out``."""
         by_name = {prediction.name: prediction for prediction in predictions}
-        result: dict[str, Any] = {"metrics": {}, "species": {}, "images": {}}
+        result: dict[str, Any] = {"metrics": {}, "species": {}, "images": {}, "tallies": {}}
         started = time.monotonic()
         everywhere = [name for names in self.facts["groups"].values() for name in names]
         flip = model_flip([by_name[n] for n in everywhere if n in by_name], [self.samples[n] for n in everywhere])
@@ -117,6 +132,7 @@ class Scorer:
                 return {}
         for _, scored in _parts(result):
             scored.pop("images", None)
+            scored.pop("tallies", None)
         return {"description": baseline.description, **result}
 
     def _transferred(self, name: str) -> dict[str, Any]:
@@ -176,6 +192,18 @@ class Scorer:
 def _parts(result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     """The score dictionaries of a result by group."""
     return [(SEEN, result), *([(HELD_OUT, result[HELD_OUT])] if HELD_OUT in result else [])]
+
+
+def _named(
+    tallies: Mapping[str, Mapping[str, Tally]], images: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, NamedTally]]:
+    names: dict[str, list[str]] = defaultdict(list)
+    for name, row in images.items():
+        names[row["species"]].append(name)
+    return {
+        key: {species: NamedTally(tuple(names[species]), tally) for species, tally in rows.items()}
+        for key, rows in tallies.items()
+    }
 
 
 def _counted(rows: Sequence[Mapping[str, str]], samples: Mapping[str, Sample]) -> list[dict[str, Any]]:

@@ -6,6 +6,7 @@ A store that was interrupted holds every shard that was finished and goes on fro
 import io
 import json
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -102,7 +103,7 @@ class ArrayStore:
                     for key in content.files:
                         place, _, name = key.partition("|")
                         arrays.setdefault(int(place), {})[name] = content[key]
-            except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
                 raise FaunaError(
                     f"{path} expects a readable shard, got {type(error).__name__}; delete {self.folder} and evaluate anew"
                 ) from error

@@ -1,6 +1,9 @@
 """Keypoint transfers of a baseline, kept so that they can be scored again without encoder and model."""
 
+import contextlib
 import io
+import zipfile
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -16,6 +19,9 @@ from fauna.metrics.score import score_transfer
 Positions = dict[tuple[str, str], Float[np.ndarray, "key 2"]]
 """Predicted NDC by (source, target) photo."""
 
+UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error)
+"""What reading a missing or damaged file raises."""
+
 
 def record_transfers(
     path: Path,
@@ -26,7 +32,9 @@ def record_transfers(
     seed: int,
     pairs: int,
 ) -> None:
-    """Transfer the keypoints of all pairs that are scored, and write them down; a file that fits is left alone.
+    """Transfer the keypoints of all pairs that are scored, and write them down.
+
+    A file of the same photographs and pairs is left alone; any other, also a damaged one, is replaced.
 
     Args:
         path: npz file.
@@ -36,10 +44,11 @@ def record_transfers(
         seed: of the pairs.
         pairs: largest number of them per species.
     """
-    if path.is_file():
-        with np.load(path) as content:
-            if (int(content["seed"]), int(content["pairs"])) == (seed, pairs):
-                return
+    wanted = sorted(name for names in groups.values() for name in names)
+    with contextlib.suppress(*UNREADABLE), np.load(path) as content:
+        made = int(content["seed"]), int(content["pairs"]), content["photos"].tolist()
+        if made == (seed, pairs, wanted):
+            return
     transfer = prepare(bench)
     positions: Positions = {}
     for names in groups.values():
@@ -53,21 +62,23 @@ def record_transfers(
 
         if samples:
             score_transfer(recording, samples, seed=seed, pairs=pairs, bootstrap=1)
-    _write(path, positions, seed=seed, pairs=pairs)
+    _write(path, positions, wanted, seed=seed, pairs=pairs)
 
 
 def read_transfers(path: Path, *, seed: int, pairs: int) -> Positions:
     """What :func:`record_transfers` wrote.
 
     Raises:
-        FaunaError: when it is missing, or was made for other pairs.
+        FaunaError: when it is missing or damaged, or was made for other pairs.
     """
     try:
         with np.load(path) as content:
             made = int(content["seed"]), int(content["pairs"])
             names, places, found = content["names"].tolist(), content["places"], content["positions"]
-    except (OSError, ValueError, KeyError) as error:
-        raise FaunaError(f"{path} expects stored transfers, got {type(error).__name__}; evaluate anew") from error
+    except UNREADABLE as error:
+        raise FaunaError(
+            f"{path} expects stored transfers, got {type(error).__name__}; evaluate the checkpoint again into the same out"
+        ) from error
     if made != (seed, pairs):
         raise FaunaError(
             f"{path.stem} was stored for seed={made[0]} pairs={made[1]}, got seed={seed} pairs={pairs}; "
@@ -80,12 +91,15 @@ def lookup(positions: Positions, samples: Sequence[Sample]) -> Callable[[int, in
     """The transfer function of stored positions, by index into ``samples``."""
 
     def transfer(source: int, target: int) -> Float[np.ndarray, "key 2"]:
-        return positions[samples[source].name, samples[target].name]
+        pair = samples[source].name, samples[target].name
+        if pair not in positions:
+            raise FaunaError(f"stored transfers expect the pair {pair[0]} -> {pair[1]}, got none; evaluate anew")
+        return positions[pair]
 
     return transfer
 
 
-def _write(path: Path, positions: Positions, *, seed: int, pairs: int) -> None:
+def _write(path: Path, positions: Positions, photos: Sequence[str], *, seed: int, pairs: int) -> None:
     names = sorted({name for both in positions for name in both})
     number = {name: place for place, name in enumerate(names)}
     places = np.array([[number[source], number[target]] for source, target in positions], np.int32).reshape(-1, 2)
@@ -94,6 +108,7 @@ def _write(path: Path, positions: Positions, *, seed: int, pairs: int) -> None:
         buffer,
         names=np.array(names, dtype=str),
         places=places,
+        photos=np.array(photos, dtype=str),
         positions=np.array(list(positions.values()), np.float32),
         seed=np.array(seed),
         pairs=np.array(pairs),

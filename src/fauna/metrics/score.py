@@ -46,6 +46,8 @@ def score(
         ``metrics``: by key ``{value, low, high, n}``, the mean over species; pair metrics also tell ``pairs``. ``global_flip`` is 1
         if all predictions were turned by half a turn for viewpoint and legs.
         ``species``: by name ``{"metrics": ..., "keypoints": {keypoint: {key: {value, n}}}}``.
+        ``tallies``: by key and species the :class:`~fauna.metrics.tally.Tally` behind the numbers, whose owners count the photos of the
+        species in the order of ``images``.
         ``images``: by photo name and key its own score (of a pair metric: over the pairs it is the target of).
         ``left_out``: ``{name, metric, reason}`` of every image that a metric does not count.
 
@@ -124,6 +126,7 @@ def report(
                 tallies.setdefault(key, {})[species] = tally
     result: dict[str, Any] = {
         "metrics": {},
+        "tallies": tallies,
         "species": {species: {"metrics": {}, "keypoints": {}} for species in names},
         "images": {name: {} for species in names for name in names[species]},
         "left_out": sorted(
