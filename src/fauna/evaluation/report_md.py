@@ -97,7 +97,6 @@ def tables(report: Mapping[str, Any]) -> list[Table]:
     for name, probe in report["probes"].items():
         found.append(_probe(name, probe))
     found += [_keypoints(name, row["keypoints"]) for name, row in report["species"].items() if row["keypoints"]]
-    found.append(_published(report))
     found.append(_left_out(report["left_out"]))
     found.append(
         Table(
@@ -107,6 +106,7 @@ def tables(report: Mapping[str, Any]) -> list[Table]:
             [(key, text or "see the documentation") for key, text in report["protocol"]["definitions"].items()],
         )
     )
+    found.append(_published(report))
     return [table for table in found if table.rows]
 
 

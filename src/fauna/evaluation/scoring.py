@@ -66,8 +66,11 @@ class Scorer:
         self.seconds: dict[str, float] = {}
 
     def tables(self) -> dict[str, Any]:
-        """``metrics``, ``species``, ``held_out``, ``baselines``, ``probes``, ``validation``, ``left_out``; and for files of their own
-        ``images`` and ``tallies``, by group.
+        """What the report holds, and for files of their own ``images`` and ``tallies``.
+
+        Returns:
+            ``metrics``, ``species``, ``held_out``, ``baselines``, ``probes``, ``validation``, ``left_out``, as in ``report.json``;
+            ``images``: by group and photograph; ``tallies``: by group, key and species.
         """
         settings = self.facts["settings"]
         model = read_predictions(self.folder, "model")

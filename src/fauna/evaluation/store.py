@@ -98,7 +98,7 @@ class ArrayStore:
         for shard in self._shards:
             path = self.folder / shard["file"]
             try:
-                with np.load(path) as content:
+                with np.load(io.BytesIO(path.read_bytes())) as content:
                     arrays: dict[int, dict[str, np.ndarray]] = {}
                     for key in content.files:
                         place, _, name = key.partition("|")

@@ -60,7 +60,7 @@ def read_tallies(path: Path) -> Tallies:
     """
     found: Tallies = {}
     try:
-        with np.load(path) as content:
+        with np.load(io.BytesIO(path.read_bytes())) as content:
             for number, row in enumerate(json.loads(content["index"].tobytes())):
                 group, key, species = row["of"]
                 tally = Tally(

@@ -45,7 +45,7 @@ def record_transfers(
         pairs: largest number of them per species.
     """
     wanted = sorted(name for names in groups.values() for name in names)
-    with contextlib.suppress(*UNREADABLE), np.load(path) as content:
+    with contextlib.suppress(*UNREADABLE), np.load(io.BytesIO(path.read_bytes())) as content:
         made = int(content["seed"]), int(content["pairs"]), content["photos"].tolist()
         if made == (seed, pairs, wanted):
             return
@@ -72,7 +72,7 @@ def read_transfers(path: Path, *, seed: int, pairs: int) -> Positions:
         FaunaError: when it is missing or damaged, or was made for other pairs.
     """
     try:
-        with np.load(path) as content:
+        with np.load(io.BytesIO(path.read_bytes())) as content:
             made = int(content["seed"]), int(content["pairs"])
             names, places, found = content["names"].tolist(), content["places"], content["positions"]
     except UNREADABLE as error:
