@@ -126,7 +126,7 @@ def test_first_screen_says_in_words_how_good_the_model_is(predictions, tmp_path)
     write_reports(predictions, tmp_path / "out", OPTIONS, pictures=1)
     top = (tmp_path / "out" / "report.html").read_text().split('id="pictures"')[0]
     assert "Outline" in top
-    assert "100 %" in top
+    assert "100\N{NO-BREAK SPACE}%" in top
     assert "average animal" in top
     assert "iou" not in top
     assert "<table" not in top

@@ -26,7 +26,7 @@ class Card:
 
 
 CARDS = (
-    Card("iou", "Outline", "Overlap of the outline of the 3D animal, drawn over the photograph, with the animal's own. 100 % is a perfect fit."),
+    Card("iou", "Outline", "Overlap of the outline of the 3D animal, drawn over the photograph, with the animal's own. 100\N{NO-BREAK SPACE}% is a perfect fit."),
     Card(
         "kt_pck@0.1",
         "Same spot on another animal",
@@ -73,12 +73,12 @@ def verdict(report: Mapping[str, Any]) -> str:
 
 
 def percent(share: float) -> str:
-    """A share in whole percent.
+    """A share in whole percent, on one line.
 
-    >>> percent(0.754)
+    >>> percent(0.754).replace("\N{NO-BREAK SPACE}", " ")
     '75 %'
     """
-    return f"{100 * share:.0f} %"
+    return f"{100 * share:.0f}\N{NO-BREAK SPACE}%"
 
 
 def _card(card: Card, report: Mapping[str, Any]) -> str:

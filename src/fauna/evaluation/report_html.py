@@ -71,6 +71,7 @@ def _top(report: Mapping[str, Any]) -> str:
         counts.append(
             f"{protocol['photos'][HELD_OUT]} of {len(report[HELD_OUT]['species'])} species it has never seen in training"
         )
+    step = "" if checkpoint["step"] is None else f"step {checkpoint['step']}, "
     warning = ""
     if dataset["includes_training_photos"]:
         warning = '<p class="warn">The photographs include those the model was trained on: the numbers are better than on new ones.</p>'
@@ -78,7 +79,7 @@ def _top(report: Mapping[str, Any]) -> str:
         f"<h1>How good is {html.escape(str(checkpoint['run']))}?</h1>"
         f"<p>A model that turns one photograph of an animal into a 3D one, tried on {' and on '.join(counts)}; "
         "species count equally.</p>"
-        f'<p class="soft">{html.escape(checkpoint["file"])}, step {checkpoint["step"]}; '
+        f'<p class="soft">{html.escape(checkpoint["file"])}, {step}'
         f"{html.escape(dataset['identity'])}, split {html.escape(protocol['split'])}.</p>{warning}{verdict(report)}"
         '<nav><a href="#pictures">pictures</a><a href="#tables">all numbers</a><a href="#protocol">protocol</a></nav>'
         f'{cards(report)}<p class="soft">The range beside a number is its 95 % interval: how far it moves with the photographs it is '

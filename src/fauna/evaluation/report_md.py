@@ -120,7 +120,7 @@ def _facts(report: Mapping[str, Any]) -> list[str]:
     protocol = report["protocol"]
     checkpoint, dataset = protocol["checkpoint"], protocol["dataset"]
     lines = [
-        f"* checkpoint: {checkpoint['file']} of run {checkpoint['run']}, step {checkpoint['step']}, sha256 "
+        f"* checkpoint: {checkpoint['file']} of run {checkpoint['run']}, step {checkpoint['step'] or 'unknown'}, sha256 "
         f"{checkpoint['sha256'][:16]}, encoder {checkpoint['encoder']}",
         f"* dataset: {dataset['identity']}, split {protocol['split']}, "
         + ", ".join(f"{count} photographs under {name}" for name, count in protocol["photos"].items()),
@@ -138,7 +138,7 @@ def _metrics(title: str, metrics: Mapping[str, Any]) -> Table:
     rows = []
     for key in counted(metrics):
         row = metrics[key]
-        span = f"{spell(row['low'])} to {spell(row['high'])}"
+        span = "–" if row["low"] is None else f"{spell(row['low'])} to {spell(row['high'])}"
         rows.append((key, spell(row["value"]), span, str(row["n"]), str(row.get("pairs", "")), better(key) or "–"))
     return Table(title, "", ("key", "value", "95 % interval", "images", "pairs", "better"), rows)
 

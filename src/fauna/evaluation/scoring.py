@@ -17,7 +17,7 @@ from fauna.evaluation.summary import table
 from fauna.evaluation.tallies import NamedTally
 from fauna.evaluation.transfers import lookup, read_transfers
 from fauna.metrics.sample import Sample
-from fauna.metrics.score import model_flip, score, score_transfer
+from fauna.metrics.score import model_flip, score, score_transfer, score_with_tallies
 from fauna.metrics.tally import Tally
 
 NOT_FEED_FORWARD = "not feed-forward: fitted to the mask it is scored against"
@@ -103,7 +103,7 @@ class Scorer:
         for group, names in self.facts["groups"].items():
             found = [by_name[name] for name in names if name in by_name]
             samples = [self.samples[name] for name in names]
-            scored = score(
+            scored, tallies = score_with_tallies(
                 found,
                 samples,
                 seed=self.options.seed,
@@ -112,6 +112,7 @@ class Scorer:
                 settings=self.options.settings,
                 flip=flip,
             )
+            scored["tallies"] = tallies
             self._place(result, of, group, scored)
         self.seconds[f"score {of}"] = round(time.monotonic() - started, 2)
         return result

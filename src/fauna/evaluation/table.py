@@ -110,13 +110,12 @@ def build_table(runs: Sequence[Path], *, seed: int, missing: Mapping[Path, str])
     rows = []
     for run in runs:
         report = loaded.get(run)
-        compared = report is not None and report is not first
         rows.append(
             {
                 "name": run.name,
                 "overrides": {key: overrides[run].get(key) for key in changed},
                 "metrics": {} if report is None else report.report["metrics"],
-                "against_first": _differences(first, report, seed) if compared else None,
+                "against_first": None if report is None or report is first else _differences(first, report, seed),
                 "missing": missing.get(run),
             }
         )

@@ -46,8 +46,6 @@ def score(
         ``metrics``: by key ``{value, low, high, n}``, the mean over species; pair metrics also tell ``pairs``. ``global_flip`` is 1
         if all predictions were turned by half a turn for viewpoint and legs.
         ``species``: by name ``{"metrics": ..., "keypoints": {keypoint: {key: {value, n}}}}``.
-        ``tallies``: by key and species the :class:`~fauna.metrics.tally.Tally` behind the numbers, whose owners count the photos of the
-        species in the order of ``images``.
         ``images``: by photo name and key its own score (of a pair metric: over the pairs it is the target of).
         ``left_out``: ``{name, metric, reason}`` of every image that a metric does not count.
 
@@ -55,6 +53,22 @@ def score(
         FaunaError: predictions and samples that do not belong together, an unknown setting, different triangles with
             ``shared_base``.
     """
+    return score_with_tallies(
+        predictions, samples, seed=seed, pairs=pairs, bootstrap=bootstrap, settings=settings, flip=flip
+    )[0]
+
+
+def score_with_tallies(
+    predictions: Sequence[Prediction],
+    samples: Sequence[Sample],
+    *,
+    seed: int,
+    pairs: int,
+    bootstrap: int,
+    settings: Sequence[str],
+    flip: bool | None,
+) -> tuple[dict[str, Any], dict[str, dict[str, Tally]]]:
+    """The same, and by key and species the sums behind the numbers; their owners count the photos of a species as ``images`` does."""
     unknown = sorted(set(settings) - set(SETTINGS))
     if unknown:
         raise FaunaError(f"settings: expected names among {', '.join(SETTINGS)}, got {unknown[0]!r}; choose among them")
@@ -63,6 +77,7 @@ def score(
     options = Options(seed, pairs, frozenset(settings), bool(flip))
     outcomes = {species: [metric(of_species, options) for metric in METRICS] for species, of_species in cases.items()}
     names = {species: [case.sample.name for case in of_species] for species, of_species in cases.items()}
+    tallies = _tallies(outcomes)
     result = report(names, outcomes, seed=seed, bootstrap=bootstrap)
     count = result["metrics"]["azimuth_error_deg"]["n"] if cases else 0
     result["metrics"]["global_flip"] = {
@@ -71,7 +86,7 @@ def score(
         "high": None,
         "n": count,
     }
-    return result
+    return result, tallies
 
 
 def model_flip(predictions: Sequence[Prediction], samples: Sequence[Sample]) -> bool | None:
@@ -119,14 +134,8 @@ def report(
 ) -> dict[str, Any]:
     """The dictionary of :func:`score` from the outcomes of each species."""
     weights = {species: resampling(names[species], replicates=bootstrap, seed=seed) for species in names}
-    tallies: dict[str, dict[str, Tally]] = {}
-    for species, of_species in outcomes.items():
-        for outcome in of_species:
-            for key, tally in outcome.tallies.items():
-                tallies.setdefault(key, {})[species] = tally
     result: dict[str, Any] = {
         "metrics": {},
-        "tallies": tallies,
         "species": {species: {"metrics": {}, "keypoints": {}} for species in names},
         "images": {name: {} for species in names for name in names[species]},
         "left_out": sorted(
@@ -134,7 +143,7 @@ def report(
             key=lambda row: (row["metric"], row["name"]),
         ),
     }
-    for key, by_species in tallies.items():
+    for key, by_species in _tallies(outcomes).items():
         result["metrics"][key], rows = summarise(by_species, weights)
         for species, tally in by_species.items():
             result["species"][species]["metrics"][key] = rows[species]
@@ -144,3 +153,13 @@ def report(
                 for keypoint, row in column_values(tally).items():
                     result["species"][species]["keypoints"].setdefault(keypoint, {})[key] = row
     return result
+
+
+def _tallies(outcomes: Mapping[str, Sequence[Outcome]]) -> dict[str, dict[str, Tally]]:
+    """By key and species."""
+    found: dict[str, dict[str, Tally]] = {}
+    for species, of_species in outcomes.items():
+        for outcome in of_species:
+            for key, tally in outcome.tallies.items():
+                found.setdefault(key, {})[species] = tally
+    return found
