@@ -4,7 +4,7 @@ import difflib
 import re
 import sys
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -13,6 +13,10 @@ from omegaconf import DictConfig, OmegaConf
 from fauna._conf import CONF_DIR
 from fauna.cli import hydra_job, run_cli
 from fauna.errors import FaunaError
+
+if TYPE_CHECKING:
+    from fauna.evaluation.gather import Gatherer
+    from fauna.losses.objective import Objective
 
 WORDS = ("compare", "table")
 
@@ -77,9 +81,9 @@ def predict_checkpoint(cfg: DictConfig, folder: Path) -> None:
     from fauna.build import build_encoder, build_model
     from fauna.configuration import check_targets
     from fauna.evaluation.gather import Gatherer
-    from fauna.evaluation.probes import ProbeOptions
-    from fauna.evaluation.protocol import photos_digest
-    from fauna.evaluation.subjects import choose
+    from fauna.evaluation.protocol import photo_keys
+    from fauna.evaluation.subjects import choose, dataset_facts
+    from fauna.evaluation.trained_on import training_photos
     from fauna.evaluation.weights import facts, locate
     from fauna.io.checkpoint import load_weights, read_weights
     from fauna.threads import set_threads
@@ -88,37 +92,47 @@ def predict_checkpoint(cfg: DictConfig, folder: Path) -> None:
     path = locate(str(cfg.checkpoint))
     metadata = read_weights(path)[1]
     stored = DictConfig(metadata["config"])
-    trained_on = OmegaConf.to_container(stored.data.source)
+    encoder = build_encoder(stored)
+    training = training_photos(stored, metadata["species"], encoder)
     given = "_target_" in cfg.data or cfg.data.get("root") is not None
     stored.data = _dataset(stored.data, cfg.data)
     stored.data.split = "val"  # unused: the split is chosen below
     stored.data.on_bad = "error"  # nothing is read before its turn; what cannot be used is left out by name
     check_targets(stored.data, "data")
     stored.renderer = cfg.renderer  # not learned: any machine can evaluate what another has trained
-    encoder = build_encoder(stored)
     data = instantiate(stored.data, _convert_="all", _partial_=True)(encoder=encoder)
     model = build_model(stored, encoder)
     data.number_species(load_weights(model, path)["species"])
     model.eval()
-    subjects = choose(data, split=cfg.data.split, given=given, seed=cfg.seed, max_photos=cfg.max_photos)
-    checkpoint = facts(path, metadata)
+    subjects = choose(data, training, split=cfg.data.split, given=given, seed=cfg.seed, max_photos=cfg.max_photos)
+    keys = photo_keys(subjects.photos)
     source = OmegaConf.to_container(stored.data.source, resolve=True)
-    dataset = {"identity": data.source.identity, "sha256": photos_digest(subjects.photos), "source": source}
-    dataset["includes_training_photos"] = subjects.split in ("all", "train") and trained_on == source
+    dataset = dataset_facts(data.source.identity, source, keys, subjects, training)
     gatherer = Gatherer(
         folder=folder,
         model=model,
         fresh_model=lambda: build_model(stored, encoder),
         data=data,
         subjects=subjects,
-        facts={"checkpoint": checkpoint, "dataset": dataset},
+        keys=keys,
+        facts={"checkpoint": facts(path, metadata), "dataset": dataset},
         size=cfg.size,
     )
+    _fill(gatherer, cfg, instantiate(stored.losses, _convert_="all"))
+
+
+def _fill(gatherer: "Gatherer", cfg: DictConfig, objective: "Objective") -> None:
+    """All that was asked for, in the order in which one needs the other."""
+    from fauna.evaluation.probes import ProbeOptions
+    from fauna.metrics.score import SHARED_BASE
+
     samples = gatherer.samples()
     if not samples:
-        reason = gatherer.left_out[0]["reason"]
+        reason = gatherer.left_out[-1]["reason"]
         raise FaunaError(f"data: expected at least one usable photograph, got none; first problem: {reason}")
-    bench = gatherer.predictions(samples, instantiate(stored.losses, _convert_="all"))
+    bench = gatherer.predictions(samples, objective)
+    if SHARED_BASE in cfg.settings:
+        gatherer.shared_base(bench)
     gatherer.baselines(bench, cfg.baselines, seed=cfg.seed, pairs=cfg.pairs)
     gatherer.probes(bench, cfg.probes, ProbeOptions(steps=cfg.probe_steps, lr=cfg.probe_lr), cfg.probe_photos)
     gatherer.finish(

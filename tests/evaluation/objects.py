@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fauna.evaluation.gather import FACTS
 from fauna.evaluation.prediction import Prediction
+from fauna.evaluation.reading import FACTS, FORMAT
 from fauna.evaluation.records import pack_prediction, pack_sample
 from fauna.evaluation.store import ArrayStore
 from fauna.geometry.camera import make_camera
@@ -96,13 +96,14 @@ def write_predictions(folder: Path, *, grow: int = 0, keypoints: bool = True, he
         groups["held_out"] = [name for name in names if name not in seen]
     checkpoint = {"file": "weights.safetensors", "run": "boxes", "sha256": "0" * 64, "step": 3, "encoder": "none"}
     facts = {
+        "format": FORMAT,
         "checkpoint": {**checkpoint, "species": ["long", "round"], "trained_on": {}, "config": {}},
-        "dataset": {"identity": "boxes", "sha256": "1" * 64, "includes_training_photos": False},
+        "dataset": {"identity": "boxes", "sha256": "1" * 64, "training_photos": {"included": 0, "unknown": None}},
         "size": SIZE,
         "keypoint_names": list(KEYPOINTS if keypoints else ()),
         "split": "test",
         "groups": groups,
-        "settings": {"baselines": ["mean_shape"], "probes": []},
+        "settings": {"baselines": ["mean_shape"], "probes": [], "probed": []},
         "left_out": [{"of": "model", "name": "long/9", "metric": "all", "reason": "a broken file"}],
         "timing": {"model": 1.0},
     }

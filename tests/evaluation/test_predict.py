@@ -152,7 +152,8 @@ def test_all_photographs_of_a_named_folder_whatever_their_split(run, tmp_path):
     report = evaluate(configured(f"checkpoint='{run}'", *FAST, *overrides), tmp_path)
     assert report["protocol"]["split"] == "all"
     assert report["metrics"]["iou"]["n"] == 10
-    assert report["protocol"]["dataset"]["includes_training_photos"]
+    assert report["protocol"]["dataset"]["training_photos"] == {"included": 8, "left_out": 0, "unknown": None}
+    assert "8 of the photographs are of those the checkpoint was trained on" in (tmp_path / "report.html").read_text()
 
 
 def test_interrupted_evaluation_continues(run, evaluated, tmp_path, monkeypatch):
@@ -227,6 +228,7 @@ def test_probes_are_marked(run, tmp_path):
         (["checkpoint=a", "data.split=vla"], "data.split: expected one of all, train"),
         (["checkpoint=a", "baselines=[magic]"], "baselines: expected names among .*box_copy"),
         (["checkpoint=a", "probes=[legs]"], "probes: expected names among angles"),
+        (["checkpoint=a", "settings=[magic]"], "settings: expected names among shared_base"),
         (["checkpoint=a", "pairs=0"], "pairs: expected"),
         (["checkpoint=a", "pairs=many"], "pairs: expected a whole number"),
         (["predictions=/nowhere/at/all"], "finished predictions folder"),

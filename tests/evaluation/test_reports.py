@@ -9,13 +9,14 @@ from html.parser import HTMLParser
 import pytest
 
 from fauna.errors import FaunaError
-from fauna.evaluation.protocol import DEFINITIONS, definition, lower_is_better
 from fauna.evaluation.published import BANK_SIZES, COMPARISON, ROWS
+from fauna.evaluation.reading import FORMAT
 from fauna.evaluation.report import write_reports
 from fauna.evaluation.report_cards import verdict
-from fauna.evaluation.report_md import better, ordered
+from fauna.evaluation.report_md import ordered
 from fauna.evaluation.scoring import ScoreOptions
 from fauna.evaluation.store import ArrayStore
+from fauna.metrics.keys import DEFINITIONS, better, definition, lower_is_better
 from tests.evaluation.objects import write_predictions
 
 OPTIONS = ScoreOptions(seed=0, pairs=100, bootstrap=50, settings=("fit_on_test",))
@@ -142,6 +143,38 @@ def test_pictures_come_before_tables_and_the_papers_numbers_are_folded_at_the_en
     assert page.rindex("<details") < page.index("MagicPony")
 
 
+def test_a_model_tried_on_new_species_only_is_shown_by_them(tmp_path):
+    folder = write_predictions(tmp_path / "p", held_out=True)
+    facts = json.loads((folder / "facts.json").read_text())
+    del facts["groups"]["metrics"]
+    (folder / "facts.json").write_text(json.dumps(facts))
+    write_reports(folder, tmp_path / "out", OPTIONS, pictures=1)
+    page = (tmp_path / "out" / "report.html").read_text()
+    top = page.split('id="pictures"')[0]
+    assert "tried on 3 photographs of 1 species it has never seen in training" in top
+    assert "Outline" in top
+    assert "average animal" in top
+    assert "<h2>Pictures</h2>" not in page
+    assert page.count("Pictures of species never seen") == 1
+
+
+@pytest.mark.parametrize(("masks", "words"), [(True, "outline 100"), (False, "same spot on another animal")])
+def test_captions_name_what_photographs_are_ranked_by(masks, words, tmp_path):
+    folder = write_predictions(tmp_path / "p")
+    if not masks:
+        store = ArrayStore(folder / "samples", identity=None)
+        items = [replace(item, arrays={k: v for k, v in item.arrays.items() if k != "mask"}) for item in store.items()]
+        shutil.rmtree(folder / "samples")
+        again = ArrayStore(folder / "samples", identity={"test": 1})
+        for item in items:
+            again.add(item)
+        again.flush()
+    write_reports(folder, tmp_path / "out", OPTIONS, pictures=1)
+    caption = re.search(r"<figcaption>(best.*?)</figcaption>", (tmp_path / "out" / "report.html").read_text())
+    assert caption
+    assert words in caption[1]
+
+
 def card_report(*, low: float, high: float, baseline: float) -> dict:
     row = {"value": (low + high) / 2, "low": low, "high": high, "n": 9}
     others = {"untrained": {"metrics": {"iou": {"value": baseline}, "azimuth_within_30": {"value": 0.1}}}}
@@ -166,10 +199,17 @@ def test_unfinished_or_missing_predictions_are_refused(tmp_path):
         write_reports(tmp_path, tmp_path / "out", OPTIONS, pictures=1)
 
 
+def test_predictions_of_an_earlier_version_are_refused(predictions, tmp_path):
+    facts = json.loads((predictions / "facts.json").read_text())
+    (predictions / "facts.json").write_text(json.dumps({key: row for key, row in facts.items() if key != "format"}))
+    with pytest.raises(FaunaError, match="of another version; evaluate the checkpoint again"):
+        write_reports(predictions, tmp_path / "out", OPTIONS, pictures=1)
+
+
 def test_markdown_and_order():
     keys = ["leg_chamfer", "iou", "kt_pck@0.1", "chamfer", "unheard_of", "chamfer_similarity"]
     assert ordered(keys) == ["iou", "kt_pck@0.1", "chamfer", "chamfer_similarity", "leg_chamfer", "unheard_of"]
-    assert definition("kt_pck@0.1_shared_base") == DEFINITIONS["kt_pck@0.1"]
+    assert definition("kt_pck@0.1_shared_base_lr_free") == DEFINITIONS["kt_pck@0.1_shared_base"]
     assert definition("unheard_of") is None
     assert better("global_flip") == ""
     assert not lower_is_better("azimuth_within_30")
@@ -182,7 +222,9 @@ def test_keypoint_transfer_is_printed_for_horses():
     assert {name for row in transfer for name, _ in row.columns} == {"horse"}
 
 
-@pytest.mark.parametrize("content", ["{}", "[]", '{"groups": {}}', "7"])
+@pytest.mark.parametrize(
+    "content", [f'{{"format": {FORMAT}}}', "[]", f'{{"format": {FORMAT}, "groups": {{}}}}', "7", "{"]
+)
 def test_broken_facts_are_refused(content, predictions, tmp_path):
     (predictions / "facts.json").write_text(content)
     with pytest.raises(FaunaError, match="finished predictions folder") as caught:

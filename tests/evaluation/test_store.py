@@ -50,6 +50,20 @@ def test_an_interruption_costs_at_most_the_open_shard(tmp_path, monkeypatch):
     assert names(ArrayStore(tmp_path, identity=IDENTITY)) == ["a", "b", "c"]
 
 
+def test_what_depends_on_all_photographs_is_made_anew_not_refused(tmp_path):
+    first = ArrayStore(tmp_path, identity={**IDENTITY, "photos": "few"}, renewed_by=("photos",))
+    first.add(item("a"))
+    first.flush()
+    assert ArrayStore(tmp_path, identity={**IDENTITY, "photos": "few"}, renewed_by=("photos",)).names == ["a"]
+    with pytest.raises(FaunaError, match="made with checkpoint 'a' instead of 'b'"):
+        ArrayStore(tmp_path, identity={**IDENTITY, "checkpoint": "b", "photos": "many"}, renewed_by=("photos",))
+    again = ArrayStore(tmp_path, identity={**IDENTITY, "photos": "many"}, renewed_by=("photos",))
+    assert again.names == []
+    again.add(item("b"))
+    again.flush()
+    assert names(ArrayStore(tmp_path, identity=None)) == ["b"]
+
+
 def test_a_failed_write_leaves_the_old_index(tmp_path, monkeypatch):
     store = ArrayStore(tmp_path, identity=IDENTITY)
     store.add(item("a"))

@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -34,6 +36,18 @@ def test_every_pair_is_drawn_equally_often():
             counts[a, b] += 1
     off = counts[~np.eye(4, dtype=bool)]
     assert abs(off - 150).max() < 50
+
+
+@pytest.mark.parametrize("count", [50, 20_000])
+def test_a_few_of_very_many_pairs_take_little_memory(count):
+    names = [f"{number:05d}" for number in range(20_000)]
+    tracemalloc.start()
+    pairs = ordered_pairs(names, count=count, seed=1)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len({tuple(pair) for pair in pairs.tolist()}) == count
+    assert (pairs[:, 0] != pairs[:, 1]).all()
+    assert peak < 50e6  # all of them would be 3.2 GB
 
 
 @pytest.mark.parametrize("names", [[], ["one"]])

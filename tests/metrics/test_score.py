@@ -8,7 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fauna.errors import FaunaError
-from fauna.metrics.score import score, score_transfer
+from fauna.metrics.keys import DEFINITIONS, definition
+from fauna.metrics.score import SETTINGS, score, score_transfer
 from fauna.metrics.transfer import transfer_canonical
 from fauna.metrics.visibility import to_ndc
 from tests.metrics.animals import NAMES, animal, camera, herd
@@ -178,8 +179,26 @@ def test_shared_base_stands_beside_the_lookup():
     assert result["kt_pck@0.1_shared_base"] == result["kt_pck@0.1"]
     assert "kt_pck@0.1_shared_base_lr_free" in result
     assert "pck@0.1_fit_on_test" not in result
-    with pytest.raises(FaunaError, match="shared_base: expected one base mesh for dog"):
-        score(*herd(3), **OPTIONS, settings=("shared_base",))
+
+
+def test_shared_base_comes_from_predictions_of_its_own():
+    """The lookup takes the one set of meshes, the vertex index the other; without equal triangles the reason is named."""
+    predictions, samples = herd(5, **FIXED)
+    broken = [replace(p, verts=np.full_like(p.verts, np.nan)) for p in predictions]
+    result = score(broken, samples, **OPTIONS, settings=("shared_base",), shared=predictions)["metrics"]
+    assert result["kt_pck@0.1"]["n"] == 0
+    assert result["kt_pck@0.1_shared_base"]["n"] == 5
+    different = score(*herd(3), **OPTIONS, settings=("shared_base",))
+    assert different["metrics"]["kt_pck@0.1"]["n"] == 3
+    assert different["metrics"]["kt_pck@0.1_shared_base"]["n"] == 0
+    rows = [row for row in different["left_out"] if row["metric"] == "kt_pck@0.1_shared_base"]
+    assert [row["reason"] for row in rows] == ["all photos: its species shares no base mesh"]
+
+
+def test_every_key_has_a_definition(flock):
+    result = score(*flock, **OPTIONS, settings=SETTINGS)
+    assert {key for key in result["metrics"] if definition(key) is None} == set()
+    assert {key for key in DEFINITIONS if key not in result["metrics"]} == set()
 
 
 def test_whatever_cannot_be_scored_is_named(flock):

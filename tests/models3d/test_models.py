@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from fauna.data.truth import LEGS
 from fauna.models3d.animal import Animal, prepare
 from fauna.models3d.catalogue import CATALOGUE
 from fauna.models3d.herd import model_files
@@ -15,7 +16,7 @@ from fauna.models3d.posing import Build, pose_animal
 from fauna.zoo.body import KEYPOINTS
 
 PLAIN = Build(np.ones(3), 1.0, 1.0, 1.0, np.zeros(2))
-ONE_OF_EACH_RIG = ("Stag", "Wolf", "Cow_Farm_A", "Pig_Farm_A", "fox-dog", "horse-animations")
+ONE_OF_EACH_RIG = ("Stag", "Wolf", "Cow_Farm_A", "Pig_Farm_A", "Pug_Farm_A", "fox-dog", "horse-animations")
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +72,21 @@ def test_keypoints_of_every_rig(animals):
         for keypoint, place in at.items():
             away = np.linalg.norm(animal.rest - place, axis=1).min()
             assert away < 0.08 * length, (name, keypoint)
+
+
+def test_paws_and_tail_of_a_rig_without_joints_there_can_be_seen(animals):
+    """The pug's paws lie at its toes and above the sole, its tail base where the body has become as narrow as a tail."""
+    pug = animals["Pug_Farm_A"]
+    at = dict(zip(KEYPOINTS, pug.keypoints, strict=True))
+    for leg, name in enumerate(LEGS):
+        foot = pug.rest[(pug.legs == leg) & (pug.rest[:, 1] < 0.08)]
+        along = (at[f"{name}_paw"][2] - foot[:, 2].min()) / np.ptp(foot[:, 2])
+        assert along > 0.75, name
+        assert at[f"{name}_paw"][1] - foot[:, 1].min() > 0.03, name
+    _, height, depth = at["tailbase"]
+    beside = pug.rest[(np.abs(pug.rest[:, 1] - height) < 0.04) & (np.abs(pug.rest[:, 2] - depth) < 0.03)]
+    assert len(beside) > 20
+    assert np.abs(beside[:, 0]).max() < 0.1
 
 
 def test_clips_move_limbs_without_tearing(animals):

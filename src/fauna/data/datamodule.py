@@ -115,6 +115,12 @@ class PhotoDataModule(LightningDataModule):
         self.numbered: list[str] | None = None
         self._digest = ""
 
+    @property
+    def split_path(self) -> Path:
+        """Where the choice of validation and test photos is stored."""
+        stored = default_cache_root() / "splits" / f"{self.source.identity}.json"
+        return Path(self.split_file) if self.split_file else stored
+
     def prepare(self, *, seed: int, report: Callable[[str], None]) -> None:
         """List, split and check the photos.
 
@@ -127,7 +133,6 @@ class PhotoDataModule(LightningDataModule):
         """
         self.seed = seed
         cache, identity = default_cache_root(), self.source.identity
-        path = Path(self.split_file) if self.split_file else cache / "splits" / f"{identity}.json"
         listed = self.source.categories()
         if self.source.left_out:
             name, reason = self.source.left_out[0]
@@ -142,7 +147,7 @@ class PhotoDataModule(LightningDataModule):
             )
         val, test = self.sizes
         self.by_category = complete_splits(
-            listed, path=path, seed=self.split_seed, val=val, test=test, held_out=self.held_out
+            listed, path=self.split_path, seed=self.split_seed, val=val, test=test, held_out=self.held_out
         )
         names = "\n".join(photo.name for each in self.by_category.values() for photo in each.train + each.back_views)
         self._digest = hashlib.blake2b(names.encode(), digest_size=8).hexdigest()

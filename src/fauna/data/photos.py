@@ -1,8 +1,6 @@
 """Photos: what a data source must offer, and how a photo becomes tensors."""
 
 import hashlib
-import json
-import os
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +13,7 @@ from PIL import Image
 from torch import Tensor
 
 from fauna.data.crop_box import CropBox, read_box, valid_mask
+from fauna.data.photo_files import decode_image, digest_file, file_stamp, read_keypoints
 from fauna.data.truth import Truth3D
 from fauna.errors import FaunaError
 
@@ -53,6 +52,18 @@ class PhotoSource(ABC):
     @abstractmethod
     def content_key(self) -> str:
         """Hexadecimal digest that changes whenever the picture changes; the feature cache's key."""
+
+    def annotation_key(self) -> str:
+        """Changes with whatever is annotated beyond what :meth:`content_key` covers; scores depend on it, features do not."""
+        return ""
+
+    def pictured(self) -> str:
+        """Names what is pictured, in whatever dataset, size or crop: the drawn individual, or the photograph's file.
+
+        Raises:
+            FaunaError: when the file cannot be read.
+        """
+        return self.content_key()
 
     def stamp(self) -> str:
         """Changes whenever the photo's files do, without reading them; tells a screened photo from a new one."""
@@ -128,8 +139,8 @@ class FileSource(PhotoSource):
         Raises:
             FaunaError: for a missing or broken file, a crop that is not square, sizes that differ, or an empty mask.
         """
-        image = _decode(self.image, "RGB")
-        mask_values = _decode(self.mask, None)
+        image = decode_image(self.image, "RGB")
+        mask_values = decode_image(self.mask, None)
         mask_values = mask_values if mask_values.ndim == 2 else mask_values[..., 0]
         height, width = image.shape[:2]
         if height != width:
@@ -149,20 +160,24 @@ class FileSource(PhotoSource):
 
     def content_key(self) -> str:
         """Digest of the image file's bytes."""
-        try:
-            return hashlib.blake2b(self.image.read_bytes(), digest_size=16).hexdigest()
-        except OSError as error:
-            raise FaunaError(f"{self.image} expects a readable image, got {error.strerror}; restore it") from error
+        return digest_file(self.image)
+
+    def annotation_key(self) -> str:
+        """Digest of the bytes of mask, box and keypoints."""
+        digest = hashlib.blake2b(digest_size=16)
+        for path in (self.mask, self.box, self.keypoints):
+            digest.update(digest_file(path).encode() if path is not None and path.is_file() else b"absent")
+        return digest.hexdigest()
 
     def stamp(self) -> str:
         """Path, size and time of last change of every file, and how many keypoints are expected."""
         files = (self.image, self.mask, self.box, self.keypoints)
-        return "|".join((*(_file_stamp(path) for path in files), str(self.num_keypoints)))
+        return "|".join((*(file_stamp(path) for path in files), str(self.num_keypoints)))
 
     def _keypoints(self) -> Float[np.ndarray, "key 3"] | None:
         if self.keypoints is None:
             return None
-        points = _read_keypoints(self.keypoints)
+        points = read_keypoints(self.keypoints)
         if self.num_keypoints not in (None, len(points)):
             raise FaunaError(
                 f"{self.keypoints} expects {self.num_keypoints} keypoints, as keypoint_names.json names them, "
@@ -206,39 +221,3 @@ def resize_mask(mask: Bool[np.ndarray, "height width"], size: int) -> Float[Tens
     """Share of each pixel's area that is foreground, rounded to 8 bits: as soft on the outline as a rendered silhouette."""
     coverage = Image.fromarray(mask.astype(np.float32)).resize((size, size), Image.Resampling.BOX)
     return torch.from_numpy(np.array(coverage)).mul_(255).round_().div_(255)
-
-
-def _file_stamp(path: Path | None) -> str:
-    if path is None:
-        return "none"
-    try:
-        found = os.stat(path)
-    except OSError:
-        return f"{path}:absent"
-    return f"{path}:{found.st_size}:{found.st_mtime_ns}"
-
-
-def _decode(path: Path, mode: str | None) -> np.ndarray:
-    """Pixels of an image file as an array, converted to ``mode`` if given."""
-    try:
-        with Image.open(path) as picture:
-            if mode is None and picture.mode in ("P", "1"):
-                mode = "L"
-            return np.array(picture.convert(mode) if mode else picture)
-    except FileNotFoundError as error:
-        raise FaunaError(f"{path} expects an image file, got nothing there; add it or leave the photo out") from error
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        reason = " ".join(str(error).split())
-        raise FaunaError(f"{path} expects a readable image, got a broken one ({reason}); replace it") from error
-
-
-def _read_keypoints(path: Path) -> Float[np.ndarray, "key 3"]:
-    try:
-        points = np.array(json.loads(path.read_text(encoding="utf-8"))["keypoints"], dtype=np.float64)
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise FaunaError(
-            f'{path} expects {{"keypoints": [[x, y, annotated], ...]}}, got {error}; mend or remove it'
-        ) from error
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise FaunaError(f"{path} expects (key, 3) keypoints, got shape {points.shape}; mend or remove it")
-    return points

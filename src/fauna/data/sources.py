@@ -54,7 +54,7 @@ class FaunaFolder(PhotoCollection):
                 "data.root: expected a dataset folder with <species>/train/<name>_rgb.jpg and <name>_mask.png, got none; "
                 "give data.root=FOLDER (how to prepare one: docs/data.md), or use data=zoo, which runs at once"
             )
-        self.root = Path(root).expanduser()
+        self.root = Path(root).expanduser().resolve()  # names and the split file follow the folder, not a link to it
         self.photograph_pattern = photograph_pattern
 
     def categories(self) -> dict[str, CategoryPhotos]:
@@ -67,8 +67,8 @@ class FaunaFolder(PhotoCollection):
     @property
     def identity(self) -> str:
         """Folder name and a digest of its full path."""
-        digest = hashlib.blake2b(str(self.root.resolve()).encode(), digest_size=6).hexdigest()
-        return f"{self.root.resolve().name}-{digest}"
+        digest = hashlib.blake2b(str(self.root).encode(), digest_size=6).hexdigest()
+        return f"{self.root.name}-{digest}"
 
     @property
     def keypoint_names(self) -> tuple[str, ...] | None:
@@ -153,6 +153,10 @@ class ZooSource(PhotoSource):
         """Digest of the seed, the photograph's place in the zoo and the code that draws it."""
         text = f"zoo|{zoo_digest()}|{self.seed}|{self.image_size}|{self.species}|{self.index}"
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+    def pictured(self) -> str:
+        """The individual: more photographs, or larger ones, of the same zoo show the same animals."""
+        return f"zoo|{self.seed}|{self.species}|{_zoo(self.seed, self.image_size).individual(self.species, self.index)}"
 
     def truth(self) -> Truth3D:
         """Camera, posed surface, legs (vertices whose largest skin weight is a leg's bone) and keypoints; drawn again."""

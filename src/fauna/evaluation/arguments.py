@@ -10,7 +10,7 @@ from fauna.evaluation.baselines import check_baselines
 from fauna.evaluation.probes import check_probes
 from fauna.evaluation.subjects import SPLITS
 from fauna.limits import check_ranges
-from fauna.metrics.score import SETTINGS
+from fauna.metrics.score import check_settings
 
 TYPES: dict[str, Any] = {
     **dict.fromkeys(("seed", "size", "pairs", "bootstrap", "pictures", "probe_steps", "probe_photos"), int),
@@ -41,9 +41,7 @@ def check(cfg: DictConfig) -> None:
         cfg[key] = _names(cfg, key)
     if cfg.data.split not in (None, *SPLITS):
         raise FaunaError(f"data.split: expected one of {', '.join(SPLITS)}, got {cfg.data.split!r}; choose one")
-    for name in cfg.settings:
-        if name not in SETTINGS:
-            raise FaunaError(f"settings: expected names among {', '.join(SETTINGS)}, got {name!r}; correct the list")
+    check_settings(cfg.settings)
     check_baselines(cfg.baselines)
     check_probes(cfg.probes)
 

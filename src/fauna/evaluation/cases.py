@@ -15,7 +15,9 @@ from fauna.evaluation.prediction import Prediction
 from fauna.metrics.sample import Sample, annotated
 from fauna.metrics.transfer import THRESHOLD, transfer_canonical
 
-RANKED_BY = "iou"
+RANKED_BY = ("iou", "kt_pck@0.1")
+"""The first of them that a photograph of the species has; without any, photographs are drawn in the order of their names."""
+RANKS = ("best", "median", "worst")
 COLUMNS = ("photograph", "mesh", "silhouettes", "side", "keypoints")
 
 
@@ -26,8 +28,9 @@ class DrawnCase:
     Attributes:
         species: of the photograph.
         name: of the photograph.
-        rank: best, median or worst.
-        score: that it was ranked by.
+        rank: best, median or worst; ``unranked`` where nothing was scored.
+        key: of the score it was ranked by, empty where there is none.
+        score: that it was ranked by, ``None`` where there is none.
         source: photograph whose keypoints were transferred onto it, ``None`` without keypoints.
         png: base64 of a strip of :data:`COLUMNS`.
     """
@@ -35,7 +38,8 @@ class DrawnCase:
     species: str
     name: str
     rank: str
-    score: float
+    key: str
+    score: float | None
     source: str | None
     png: str
 
@@ -48,7 +52,7 @@ def draw_cases(
     *,
     species: int,
 ) -> list[DrawnCase]:
-    """Rank the photographs of each species by silhouette IoU and draw three of them.
+    """Rank the photographs of each species, by silhouette IoU where there are masks, and draw three of them.
 
     Args:
         images: scores by photograph, of one group.
@@ -57,28 +61,45 @@ def draw_cases(
         predictions: of the model, by photograph.
         species: how many species are drawn, in alphabetical order.
     """
-    ranked: dict[str, list[tuple[float, str]]] = {}
-    for name, row in images.items():
-        value = row["scores"].get(RANKED_BY)
-        if value is not None and name in predictions:
-            ranked.setdefault(row["species"], []).append((value, name))
+    by_species: dict[str, list[str]] = {}
+    for name, row in sorted(images.items()):
+        if name in predictions:
+            by_species.setdefault(row["species"], []).append(name)
     drawn = []
-    for each in sorted(ranked)[:species]:
-        rows = sorted(ranked[each], reverse=True)
-        places = {"best": 0, "median": (len(rows) - 1) // 2, "worst": len(rows) - 1}
-        chosen = {
-            rank: place
-            for rank, place in places.items()
-            if list(places.values()).index(place) == list(places).index(rank)
-        }
+    for each in sorted(by_species)[:species]:
+        key, rows = _ranked(by_species[each], images)
         sources = [name for _, name in rows if samples[name].keypoints is not None]
-        for rank, place in chosen.items():
+        for rank, place in _chosen(len(rows), ranked=bool(key)):
             value, name = rows[place]
             source = next((other for other in sources if other != name), None)
             strip = _strip(name, source, samples, thumbnails, predictions)
             used = source if samples[name].keypoints is not None else None
-            drawn.append(DrawnCase(each, name, rank, value, used, strip))
+            drawn.append(DrawnCase(each, name, rank, key, value, used, strip))
     return drawn
+
+
+def _ranked(
+    names: Sequence[str], images: Mapping[str, Mapping[str, Any]]
+) -> tuple[str, list[tuple[float, str]] | list[tuple[None, str]]]:
+    """The key that photographs are ranked by, and (score, name), best first; all of them, unranked, without any score."""
+    for key in RANKED_BY:
+        scores = [(images[name]["scores"].get(key), name) for name in names]
+        known = [(float(score), name) for score, name in scores if score is not None]
+        if known:
+            return key, sorted(known, reverse=True)
+    return "", [(None, name) for name in names]
+
+
+def _chosen(number: int, *, ranked: bool) -> list[tuple[str, int]]:
+    """Ranks and their places, each place once."""
+    if not ranked:
+        return [("unranked", place) for place in range(min(number, len(RANKS)))]
+    places = (0, (number - 1) // 2, number - 1)
+    return [
+        (rank, place)
+        for index, (rank, place) in enumerate(zip(RANKS, places, strict=True))
+        if place not in places[:index]
+    ]
 
 
 def _strip(
@@ -92,7 +113,7 @@ def _strip(
     cells = [
         draw.photograph(thumbnails[name]),
         draw.overlay(thumbnails[name], prediction),
-        draw.silhouettes(sample, prediction),
+        draw.blank() if sample.mask is None else draw.silhouettes(sample, prediction),
         draw.side_view(prediction),
         _keypoints(sample, thumbnails[name], [samples[s] for s in [source] if s], predictions),
     ]

@@ -10,10 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from fauna.errors import FaunaError
-from fauna.evaluation.report_md import better, ordered, spell
+from fauna.evaluation.report_md import metrics_of, ordered, spell
 from fauna.evaluation.tallies import FILE as TALLIES
 from fauna.evaluation.tallies import Tallies, read_tallies, shared
 from fauna.io.run_folder import write_json
+from fauna.metrics.keys import better
 from fauna.metrics.tally import estimates, mean_ignoring_nan, resampling
 
 USAGE = "fauna-eval compare REPORT REPORT [REPORT ...] [out=FILE.json] [bootstrap=1000] [seed=0]"
@@ -76,7 +77,7 @@ def compare(loaded: Sequence[Loaded], *, bootstrap: int, seed: int) -> dict[str,
     """
     groups: dict[str, Any] = {}
     for group in dict.fromkeys(group for each in loaded for group in each.tallies):
-        reported = [metrics_of(each, group) for each in loaded]
+        reported = [metrics_of(each.report, group) for each in loaded]
         groups[group] = {
             key: {
                 "values": [metrics.get(key, {}).get("value") for metrics in reported],
@@ -209,11 +210,6 @@ def whole(key: str, value: str) -> int:
     if not value.isdigit() or (key == "bootstrap" and int(value) < 1):
         raise FaunaError(f"{key}: expected a whole number, got {value!r}; e.g. {key}=1000")
     return int(value)
-
-
-def metrics_of(loaded: Loaded, group: str) -> Mapping[str, Any]:
-    """Reported metrics of a group of photographs; empty where the report lacks the group."""
-    return loaded.report["metrics"] if group == "metrics" else loaded.report.get(group, {}).get("metrics", {})
 
 
 def _interval(replicates: Float[np.ndarray, " replicate"]) -> dict[str, float]:

@@ -44,7 +44,8 @@ def overlay(thumbnail: bytes, prediction: Prediction) -> Picture:
 def silhouettes(sample: Sample, prediction: Prediction) -> Picture:
     """Mask and silhouette: green where they agree, red where the mask is missed, yellow where the silhouette spills."""
     drawn = prediction.silhouette > 127
-    mask = np.zeros_like(drawn) if sample.mask is None else sample.mask
+    assert sample.mask is not None, f"{sample.name} has no mask"
+    mask = sample.mask
     picture = np.full((*drawn.shape, 3), 255, np.uint8)
     picture[mask & drawn], picture[mask & ~drawn], picture[drawn & ~mask] = BOTH, MISSED, SPILLED
     return np.asarray(Image.fromarray(picture).resize((CELL, CELL), Image.Resampling.BOX))

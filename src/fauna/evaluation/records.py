@@ -26,10 +26,10 @@ def unpack_prediction(item: Item) -> Prediction:
     return Prediction(name=item.name, category=item.notes["category"], **{name: item.arrays[name] for name in names})
 
 
-def pack_sample(sample: Sample, *, thumbnail: bytes) -> Item:
-    """Mask (one bit a pixel), keypoints and truth of a photograph, and a small JPEG of it for the report."""
+def pack_sample(sample: Sample, *, thumbnail: bytes, **more: object) -> Item:
+    """Mask (one bit a pixel), keypoints and truth of a photograph, a small JPEG of it for the report, and further notes."""
     arrays: dict[str, np.ndarray] = {"thumbnail": np.frombuffer(thumbnail, np.uint8)}
-    notes: dict[str, object] = {"category": sample.category}
+    notes: dict[str, object] = {"category": sample.category, **more}
     if sample.mask is not None:
         arrays["mask"] = np.packbits(sample.mask)
         notes["size"] = sample.mask.shape[0]

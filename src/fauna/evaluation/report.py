@@ -11,6 +11,7 @@ from fauna.evaluation.published import DIFFERENCES, HERE, ROWS
 from fauna.evaluation.report_html import html_report
 from fauna.evaluation.report_md import headline, markdown_report
 from fauna.evaluation.scoring import ScoreOptions, Scorer
+from fauna.evaluation.subjects import HELD_OUT
 from fauna.evaluation.tallies import FILE as TALLIES
 from fauna.evaluation.tallies import write_tallies
 from fauna.io.run_folder import write_json
@@ -42,7 +43,8 @@ def write_reports(predictions: Path, folder: Path, options: ScoreOptions, *, pic
         "species": tables.pop("species"),
         **tables,
     }
-    report["protocol"] = build_protocol(scorer.facts, asdict(options), report["metrics"])
+    keys = {*report["metrics"], *report.get(HELD_OUT, {}).get("metrics", {})}
+    report["protocol"] = build_protocol(scorer.facts, asdict(options), keys)
     report["published"] = {"from": HERE, "rows": published_rows(report), "differences": list(DIFFERENCES)}
     write_json(images, folder / "images.json")
     write_tallies(folder / TALLIES, tallies)

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fauna.evaluation.subjects import HELD_OUT
+from fauna.evaluation.report_md import metrics_of
+from fauna.evaluation.subjects import HELD_OUT, SEEN
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ CARDS = (
     Card("azimuth_within_30", "Direction", "Share of photographs whose animal is turned the right way, at most 30 degrees off.", ("mean_shape",)),
     Card("volume_iou", "Solid shape", "Overlap of the body itself with the true one, inside included. The hardest of these numbers."),
 )  # fmt: skip
+TITLES = {card.key: card.title for card in CARDS}
 
 PLAIN = {
     "mean_shape": "average animal",
@@ -50,7 +52,7 @@ PLAIN = {
 
 def cards(report: Mapping[str, Any]) -> str:
     """A card for each main number that the report has."""
-    shown = [_card(card, report) for card in CARDS if _value(report["metrics"], card.key) is not None]
+    shown = [_card(card, report) for card in CARDS if _value(_own(report), card.key) is not None]
     return f'<div class="cards">{"".join(shown)}</div>'
 
 
@@ -62,7 +64,7 @@ def verdict(report: Mapping[str, Any]) -> str:
         "below a baseline": [],
     }
     for card in CARDS:
-        row = report["metrics"].get(card.key, {})
+        row = _own(report).get(card.key, {})
         others = list(_baselines(card, report).values())
         if not others or row.get("value") is None or row.get("low") is None:
             continue
@@ -82,12 +84,12 @@ def percent(share: float) -> str:
 
 
 def _card(card: Card, report: Mapping[str, Any]) -> str:
-    row = report["metrics"][card.key]
+    row = _own(report)[card.key]
     count = f"{row['n']} photograph{'s' if row['n'] != 1 else ''}"
     span = count if row["low"] is None else f"{100 * row['low']:.0f} to {percent(row['high'])}, {count}"
     bars = [_bar("this model", row["value"], own=True)]
-    held_out = _value(report.get(HELD_OUT, {}).get("metrics", {}), card.key)
-    if held_out is not None:
+    held_out = _value(metrics_of(report, HELD_OUT), card.key)
+    if held_out is not None and _group(report) == SEEN:
         bars.append(_bar("species never seen", held_out, own=True))
     bars += [_bar(PLAIN.get(name, name), value, own=False) for name, value in _baselines(card, report).items()]
     return (
@@ -103,8 +105,18 @@ def _bar(name: str, value: float, *, own: bool) -> str:
 
 
 def _baselines(card: Card, report: Mapping[str, Any]) -> dict[str, float]:
-    found = {name: _value(each["metrics"], card.key) for name, each in report["baselines"].items()}
+    group = _group(report)
+    found = {name: _value(metrics_of(each, group), card.key) for name, each in report["baselines"].items()}
     return {name: value for name, value in found.items() if value is not None and name not in card.shared_with}
+
+
+def _group(report: Mapping[str, Any]) -> str:
+    """The photographs that the cards are about: of species never seen where there are no others."""
+    return SEEN if report["metrics"] else HELD_OUT
+
+
+def _own(report: Mapping[str, Any]) -> Mapping[str, Any]:
+    return metrics_of(report, _group(report))
 
 
 def _value(metrics: Mapping[str, Any], key: str) -> float | None:

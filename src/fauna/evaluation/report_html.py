@@ -7,11 +7,12 @@ from itertools import groupby
 from typing import Any
 
 from fauna.evaluation.cases import COLUMNS, DrawnCase, draw_cases
-from fauna.evaluation.report_cards import cards, percent, verdict
+from fauna.evaluation.protocol import training_warning
+from fauna.evaluation.reading import MODEL, read_predictions
+from fauna.evaluation.report_cards import TITLES, cards, percent, verdict
 from fauna.evaluation.report_md import Table, tables
 from fauna.evaluation.report_style import STYLE
 from fauna.evaluation.scoring import Scorer
-from fauna.evaluation.stored import read_predictions
 from fauna.evaluation.subjects import HELD_OUT, SEEN
 
 OPEN_SPECIES = 3
@@ -19,7 +20,7 @@ OPEN_SPECIES = 3
 EARLY, LAST = ("Baselines", "By species", "All metrics", "Probe", "Left out"), "Published"
 
 LEGEND = (
-    '<p class="soft">Of each species the photograph with the best, the middle and the worst outline.</p>'
+    '<p class="soft">Of each species the best, the middle and the worst photograph: by outline or, without masks, by the same spots on another animal.</p>'
     '<p class="soft key">silhouettes:<i style="background:#96beA0"></i>agree<i style="background:#d64541"></i>animal missed'
     '<i style="background:#f6c444"></i>spill. Keypoints: ring annotated, dot transferred from the best other photograph of the '
     "species; green within 0.1 crop sides.</p>"
@@ -37,12 +38,12 @@ def html_report(
         scorer: holds samples and thumbnails.
         pictures: species with pictures, of each group.
     """
-    predictions = {prediction.name: prediction for prediction in read_predictions(scorer.folder, "model")}
-    body = [_top(report)]
+    predictions = {prediction.name: prediction for prediction in read_predictions(scorer.folder, MODEL)}
+    body = [_top(report), '<div id="pictures"></div>']
     for group, title in ((SEEN, "Pictures"), (HELD_OUT, "Pictures of species never seen in training")):
-        if group in images:
+        if images.get(group):
             drawn = draw_cases(images[group], scorer.samples, scorer.pictures, predictions, species=pictures)
-            body.append(_cases(group, title, drawn))
+            body.append(_cases(title, drawn))
     body.append('<div id="tables"></div>')
     shown = tables(report)
     for start in EARLY:
@@ -66,25 +67,30 @@ def html_report(
 def _top(report: Mapping[str, Any]) -> str:
     protocol = report["protocol"]
     checkpoint, dataset = protocol["checkpoint"], protocol["dataset"]
-    counts = [f"{protocol['photos'].get(SEEN, 0)} photographs of {len(report['species'])} species"]
-    if HELD_OUT in report:
-        counts.append(
-            f"{protocol['photos'][HELD_OUT]} of {len(report[HELD_OUT]['species'])} species it has never seen in training"
-        )
     step = "" if checkpoint["step"] is None else f"step {checkpoint['step']}, "
-    warning = ""
-    if dataset["includes_training_photos"]:
-        warning = '<p class="warn">The photographs include those the model was trained on: the numbers are better than on new ones.</p>'
+    warning = training_warning(dataset)
+    shown = f'<p class="warn">{html.escape(warning[0].upper() + warning[1:])}.</p>' if warning else ""
     return (
         f"<h1>How good is {html.escape(str(checkpoint['run']))}?</h1>"
-        f"<p>A model that turns one photograph of an animal into a 3D one, tried on {' and on '.join(counts)}; "
+        f"<p>A model that turns one photograph of an animal into a 3D one, tried on {_tried_on(report)}; "
         "species count equally.</p>"
         f'<p class="soft">{html.escape(checkpoint["file"])}, {step}'
-        f"{html.escape(dataset['identity'])}, split {html.escape(protocol['split'])}.</p>{warning}{verdict(report)}"
+        f"{html.escape(dataset['identity'])}, split {html.escape(protocol['split'])}.</p>{shown}{verdict(report)}"
         '<nav><a href="#pictures">pictures</a><a href="#tables">all numbers</a><a href="#protocol">protocol</a></nav>'
         f'{cards(report)}<p class="soft">The range beside a number is its 95 % interval: how far it moves with the photographs it is '
         "measured on. Average animal: the mean shape, seen from where the model sees the animal.</p>"
     )
+
+
+def _tried_on(report: Mapping[str, Any]) -> str:
+    photos = report["protocol"]["photos"]
+    counts = [f"{photos[SEEN]} photographs of {len(report['species'])} species"] if SEEN in photos else []
+    if HELD_OUT in photos:
+        what = "" if counts else " photographs"
+        counts.append(
+            f"{photos[HELD_OUT]}{what} of {len(report[HELD_OUT]['species'])} species it has never seen in training"
+        )
+    return " and on ".join(counts)
 
 
 def _table(table: Table) -> str:
@@ -113,9 +119,9 @@ def _differences(differences: Sequence[str]) -> str:
     return f"<h3>Differences of protocol</h3><ul>{items}</ul>"
 
 
-def _cases(group: str, title: str, cases: Sequence[DrawnCase]) -> str:
+def _cases(title: str, cases: Sequence[DrawnCase]) -> str:
     by_species = [_species_cases(name, list(rows)) for name, rows in groupby(cases, key=lambda case: case.species)]
-    parts = [f'<h2 id="{"pictures" if group == SEEN else "held-out"}">{title}</h2>', LEGEND, *by_species[:OPEN_SPECIES]]
+    parts = [f"<h2>{title}</h2>", LEGEND, *by_species[:OPEN_SPECIES]]
     if by_species[OPEN_SPECIES:]:
         parts.append(_folded(f"{len(by_species) - OPEN_SPECIES} more species", "\n".join(by_species[OPEN_SPECIES:])))
     return "\n".join(parts)
@@ -125,8 +131,9 @@ def _species_cases(species: str, cases: Sequence[DrawnCase]) -> str:
     heads = "".join(f"<span>{name}</span>" for name in COLUMNS)
     parts = [f'<h3>{html.escape(species)}</h3><div class="heads">{heads}</div>']
     for case in cases:
+        score = "" if case.score is None else f", {TITLES[case.key].lower()} {percent(case.score)}"
         source = f", keypoints from {case.source}" if case.source else ""
-        caption = html.escape(f"{case.rank}: {case.name}, outline {percent(case.score)}{source}")
+        caption = html.escape(f"{case.rank}: {case.name}{score}{source}")
         picture = f'<img alt="{caption}" src="data:image/png;base64,{case.png}">'
         parts.append(f'<figure class="case">{picture}<figcaption>{caption}</figcaption></figure>')
     return "\n".join(parts)

@@ -4,11 +4,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fauna.evaluation.protocol import DEFINITIONS, lower_is_better
+from fauna.evaluation.protocol import training_warning
+from fauna.evaluation.subjects import HELD_OUT, SEEN
+from fauna.metrics.keys import DEFINITIONS, better
 
 ORDER = tuple(DEFINITIONS)
-NEITHER = ("global_flip",)
-"""Keys that state a fact about the model and are not to be maximised."""
 
 
 @dataclass(frozen=True)
@@ -54,15 +54,13 @@ def counted(metrics: Mapping[str, Any]) -> list[str]:
     return ordered(key for key, row in metrics.items() if row["n"])
 
 
-def better(key: str) -> str:
-    """Which values of a metric are the better ones; empty where neither are.
+def metrics_of(scored: Mapping[str, Any], group: str) -> Mapping[str, Any]:
+    """Metrics of a group of photographs in a report, or in one of its baselines; empty where the group is missing.
 
-    >>> better("iou"), better("chamfer"), better("global_flip")
-    ('higher', 'lower', '')
+    >>> metrics_of({"metrics": {"iou": 1}}, "metrics"), metrics_of({"metrics": {"iou": 1}}, "held_out")
+    ({'iou': 1}, {})
     """
-    if key in NEITHER:
-        return ""
-    return "lower" if lower_is_better(key) else "higher"
+    return (scored if group == SEEN else scored.get(group, {})).get("metrics", {})
 
 
 def headline(report: Mapping[str, Any]) -> str:
@@ -93,7 +91,8 @@ def tables(report: Mapping[str, Any]) -> list[Table]:
     for group, scored in _groups(report):
         found.append(_metrics(f"All metrics, {group}", scored["metrics"]))
         found.append(_species(f"By species, {group}", scored["species"]))
-    found.append(_baselines(report))
+    for group, (title, _) in zip((SEEN, HELD_OUT), _groups(report), strict=False):
+        found.append(_baselines(title, group, report))
     for name, probe in report["probes"].items():
         found.append(_probe(name, probe))
     found += [_keypoints(name, row["keypoints"]) for name, row in report["species"].items() if row["keypoints"]]
@@ -127,8 +126,8 @@ def _facts(report: Mapping[str, Any]) -> list[str]:
         f"* seed {protocol['seed']}, at most {protocol['pairs']} ordered pairs per species, {protocol['bootstrap']} bootstrap "
         f"replicates, masks at {protocol['size']} pixels",
     ]
-    if dataset["includes_training_photos"]:
-        lines.append("* **the photographs include those the checkpoint was trained on**")
+    if warning := training_warning(dataset):
+        lines.append(f"* **{warning}**")
     lines += [f"* {name}: {rule}" for name, rule in protocol["rules"].items()]
     lines.append("* versions: " + ", ".join(f"{name} {version}" for name, version in protocol["versions"].items()))
     return lines
@@ -149,14 +148,15 @@ def _species(title: str, species: Mapping[str, Any]) -> Table:
     return Table(title, "", ("species", *keys), rows)
 
 
-def _baselines(report: Mapping[str, Any]) -> Table:
-    baselines = report["baselines"]
-    note = " ".join(f"**{name}**: {row['description']}" for name, row in baselines.items())
-    keys = counted(report["metrics"])
-    rows = [("the model", *(spell(report["metrics"][key]["value"]) for key in keys))]
+def _baselines(title: str, group: str, report: Mapping[str, Any]) -> Table:
+    """The model and the baselines on one group of photographs, ``metrics`` or ``held_out``."""
+    baselines, own = report["baselines"], metrics_of(report, group)
+    keys = counted(own)
+    rows = [("the model", *(spell(own[key]["value"]) for key in keys))]
     for name, row in baselines.items():
-        rows.append((name, *(spell(row["metrics"].get(key, {}).get("value")) for key in keys)))
-    return Table("Baselines", note, ("", *keys), rows if baselines else [])
+        rows.append((name, *(spell(metrics_of(row, group).get(key, {}).get("value")) for key in keys)))
+    note = " ".join(f"**{name}**: {row['description']}" for name, row in baselines.items())
+    return Table(f"Baselines, {title}", note, ("", *keys), rows if baselines and keys else [])
 
 
 def _probe(name: str, probe: Mapping[str, Any]) -> Table:

@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image
@@ -12,9 +13,26 @@ from fauna.metrics.sample import Sample
 
 THUMBNAIL = 192
 """Side of the picture kept for the report, pixels."""
+KEYPOINT_METRICS = "keypoint metrics"
+"""Stands for all of them where a reason concerns all."""
 
 
-def read_sample(photo: Photo, *, size: int, keypoint_names: Sequence[str]) -> tuple[Sample, bytes]:
+@dataclass(frozen=True)
+class ReadSample:
+    """What a photograph is scored against.
+
+    Attributes:
+        sample: mask, keypoints and truth.
+        picture: JPEG of the photograph.
+        unnamed_keypoints: whether it has keypoints that are not in the sample because the dataset does not name them.
+    """
+
+    sample: Sample
+    picture: bytes
+    unnamed_keypoints: bool
+
+
+def read_sample(photo: Photo, *, size: int, keypoint_names: Sequence[str]) -> ReadSample:
     """Mask, keypoints and truth of a photograph, and a JPEG of it.
 
     Args:
@@ -27,6 +45,9 @@ def read_sample(photo: Photo, *, size: int, keypoint_names: Sequence[str]) -> tu
     """
     loaded = load_photo(photo, size=size, valid_margin=0.0)
     keypoints = None if loaded.keypoints is None else loaded.keypoints.numpy().astype(np.float32)
+    unnamed = keypoints is not None and not keypoint_names
+    if unnamed:
+        keypoints = None
     if keypoints is not None and len(keypoints) != len(keypoint_names):
         raise FaunaError(
             f"photo {photo.name} expects {len(keypoint_names)} keypoints as the dataset names, got {len(keypoints)}; "
@@ -44,4 +65,4 @@ def read_sample(photo: Photo, *, size: int, keypoint_names: Sequence[str]) -> tu
     picture = Image.fromarray((loaded.image.permute(1, 2, 0).numpy() * 255).round().astype(np.uint8))
     buffer = io.BytesIO()
     picture.resize((THUMBNAIL, THUMBNAIL), Image.Resampling.LANCZOS).save(buffer, format="JPEG", quality=88)
-    return sample, buffer.getvalue()
+    return ReadSample(sample, buffer.getvalue(), unnamed)

@@ -11,14 +11,14 @@ from fauna.errors import FaunaError
 from fauna.evaluation.baselines import get_baseline
 from fauna.evaluation.baselines.base import MeshBaseline
 from fauna.evaluation.prediction import Prediction
-from fauna.evaluation.stored import FACTS, read_facts, read_predictions, read_samples, read_terms
+from fauna.evaluation.reading import FACTS, MODEL, read_facts, read_predictions, read_samples, read_terms
+from fauna.evaluation.samples import KEYPOINT_METRICS
 from fauna.evaluation.subjects import HELD_OUT, SEEN
 from fauna.evaluation.summary import table
-from fauna.evaluation.tallies import NamedTally
+from fauna.evaluation.tallies import name_owners
 from fauna.evaluation.transfers import lookup, read_transfers
 from fauna.metrics.sample import Sample
-from fauna.metrics.score import model_flip, score, score_transfer, score_with_tallies
-from fauna.metrics.tally import Tally
+from fauna.metrics.score import SHARED_BASE, model_flip, score, score_transfer, score_with_tallies
 
 NOT_FEED_FORWARD = "not feed-forward: fitted to the mask it is scored against"
 
@@ -55,13 +55,15 @@ class Scorer:
         self.folder = folder
         self.options = options
         self.facts = read_facts(folder)
-        self.samples, self.pictures = read_samples(folder, self.facts["keypoint_names"])
-        absent = sorted({name for names in self.facts["groups"].values() for name in names} - set(self.samples))
+        everything, self.pictures = read_samples(folder, self.facts["keypoint_names"])
+        names = [name for group in self.facts["groups"].values() for name in group]
+        absent = sorted(set(names) - set(everything))
         if absent:
             raise FaunaError(
                 f"predictions: expected a sample of every photograph that {FACTS} names, got none of {absent[0]} in {folder}; "
                 "delete the folder and evaluate anew"
             )
+        self.samples = {name: everything[name] for name in names}  # earlier runs may have stored others
         self.left_out: list[dict[str, str]] = list(self.facts["left_out"])
         self.seconds: dict[str, float] = {}
 
@@ -73,10 +75,10 @@ class Scorer:
             ``images``: by group and photograph; ``tallies``: by group, key and species.
         """
         settings = self.facts["settings"]
-        model = read_predictions(self.folder, "model")
-        result = self._groups("model", model)
+        model = self._predictions(MODEL)
+        result = self._groups(MODEL, model, self._shared_base())
         images = {group: self._with_species(scored.pop("images")) for group, scored in _parts(result)}
-        tallies = {group: _named(scored.pop("tallies"), images[group]) for group, scored in _parts(result)}
+        tallies = {group: name_owners(scored.pop("tallies"), images[group]) for group, scored in _parts(result)}
         baselines = {name: self._baseline(name) for name in settings["baselines"]}
         probes = {name: self._probe(name, model) for name in settings["probes"]}
         terms = defaultdict(list)
@@ -93,7 +95,24 @@ class Scorer:
             "left_out": _counted(self.left_out + self._absent(), self.samples),
         }
 
-    def _groups(self, of: str, predictions: Sequence[Prediction]) -> dict[str, Any]:
+    def _predictions(self, name: str) -> list[Prediction]:
+        return [each for each in read_predictions(self.folder, name) if each.name in self.samples]
+
+    def _shared_base(self) -> list[Prediction]:
+        """Predictions of the model with one base mesh per species, where they are asked for and were made."""
+        if SHARED_BASE not in self.options.settings:
+            return []
+        if (self.folder / SHARED_BASE).is_dir():
+            return self._predictions(SHARED_BASE)
+        reason = (
+            f"no predictions with shared base meshes are stored; evaluate the checkpoint with settings=[{SHARED_BASE}]"
+        )
+        self.left_out.append({"of": MODEL, "name": "*", "metric": SHARED_BASE, "reason": reason})
+        return []
+
+    def _groups(
+        self, of: str, predictions: Sequence[Prediction], shared: Sequence[Prediction] | None = None
+    ) -> dict[str, Any]:
         """Scores of the main group, with those of held-out species under ``held_out``."""
         by_name = {prediction.name: prediction for prediction in predictions}
         result: dict[str, Any] = {"metrics": {}, "species": {}, "images": {}, "tallies": {}}
@@ -111,6 +130,7 @@ class Scorer:
                 bootstrap=self.options.bootstrap,
                 settings=self.options.settings,
                 flip=flip,
+                shared=None if shared is None else [each for each in shared if each.name in set(names)],
             )
             scored["tallies"] = tallies
             self._place(result, of, group, scored)
@@ -127,7 +147,7 @@ class Scorer:
     def _baseline(self, name: str) -> dict[str, Any]:
         baseline = get_baseline(name)
         if isinstance(baseline, MeshBaseline):
-            result = self._groups(name, read_predictions(self.folder, name))
+            result = self._groups(name, self._predictions(name))
         else:
             try:
                 result = self._transferred(name)
@@ -156,28 +176,34 @@ class Scorer:
 
     def _probe(self, name: str, model: Sequence[Prediction]) -> dict[str, Any]:
         """The fitted predictions, and the model's own on the same photographs."""
-        found = read_predictions(self.folder, f"probe_{name}")
+        probed = self.facts["settings"]["probed"]
+        found = [each for each in self._predictions(f"probe_{name}") if each.name in probed]
         chosen = {prediction.name for prediction in found}
-        samples = [self.samples[prediction.name] for prediction in found]
-        options = self.options
-        scores = [
-            score(
-                each,
-                samples,
-                seed=options.seed,
-                pairs=options.pairs,
-                bootstrap=options.bootstrap,
-                settings=options.settings,
-            )
-            for each in (found, [prediction for prediction in model if prediction.name in chosen])
-        ]
+        fitted = self._probed(found, f"probe {name}")
+        own = self._probed(
+            [each for each in model if each.name in chosen], f"the model on the photographs of probe {name}"
+        )
         return {
             "label": NOT_FEED_FORWARD,
             "num_photos": len(found),
-            "metrics": scores[0]["metrics"],
-            "species": scores[0]["species"],
-            "model_on_the_same_photos": scores[1]["metrics"],
+            "metrics": fitted["metrics"],
+            "species": fitted["species"],
+            "model_on_the_same_photos": own["metrics"],
         }
+
+    def _probed(self, predictions: Sequence[Prediction], of: str) -> dict[str, Any]:
+        """Scores of predictions of a few photographs, in one group."""
+        options = self.options
+        scored = score(
+            predictions,
+            [self.samples[prediction.name] for prediction in predictions],
+            seed=options.seed,
+            pairs=options.pairs,
+            bootstrap=options.bootstrap,
+            settings=options.settings,
+        )
+        self.left_out += [{"of": of, **row} for row in scored["left_out"]]
+        return scored
 
     def _with_species(self, images: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
         return {name: {"species": self.samples[name].category, "scores": dict(row)} for name, row in images.items()}
@@ -186,28 +212,17 @@ class Scorer:
         """Kinds of metric that the whole dataset does not allow."""
         rows = []
         samples: Sequence[Sample] = list(self.samples.values())
-        if not any(sample.keypoints is not None for sample in samples):
-            rows.append(("keypoint metrics", "the dataset has no keypoints"))
+        unnamed = any(row["metric"] == KEYPOINT_METRICS for row in self.left_out)
+        if not unnamed and not any(sample.keypoints is not None for sample in samples):
+            rows.append((KEYPOINT_METRICS, "the dataset has no keypoints"))
         if not any(sample.truth is not None for sample in samples):
             rows.append(("3D metrics", "the dataset has no 3D truth"))
-        return [{"of": "model", "name": "*", "metric": metric, "reason": reason} for metric, reason in rows]
+        return [{"of": MODEL, "name": "*", "metric": metric, "reason": reason} for metric, reason in rows]
 
 
 def _parts(result: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
     """The score dictionaries of a result by group."""
     return [(SEEN, result), *([(HELD_OUT, result[HELD_OUT])] if HELD_OUT in result else [])]
-
-
-def _named(
-    tallies: Mapping[str, Mapping[str, Tally]], images: Mapping[str, Mapping[str, Any]]
-) -> dict[str, dict[str, NamedTally]]:
-    names: dict[str, list[str]] = defaultdict(list)
-    for name, row in images.items():
-        names[row["species"]].append(name)
-    return {
-        key: {species: NamedTally(tuple(names[species]), tally) for species, tally in rows.items()}
-        for key, rows in tallies.items()
-    }
 
 
 def _counted(rows: Sequence[Mapping[str, str]], samples: Mapping[str, Sample]) -> list[dict[str, Any]]:

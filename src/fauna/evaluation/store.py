@@ -3,11 +3,12 @@
 A store that was interrupted holds every shard that was finished and goes on from there.
 """
 
+import hashlib
 import io
 import json
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ from fauna.errors import FaunaError
 FORMAT = 1
 SHARD_SIZE = 16
 """Items of a shard: what an interruption can cost."""
+UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error)
+"""What reading arrays from a missing or damaged file raises."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +47,15 @@ class ArrayStore:
         folder: made when the first shard is written.
         identity: what the bundles belong to, JSON values; a folder with another identity is refused. ``None`` accepts
             what is there and is for reading.
+        renewed_by: parts of the identity; bundles that differ in nothing else are forgotten instead of refused.
 
     Raises:
         FaunaError: when the folder holds another format or identity.
     """
 
-    def __init__(self, folder: Path, *, identity: Mapping[str, Any] | None) -> None:
+    def __init__(self, folder: Path, *, identity: Mapping[str, Any] | None, renewed_by: Sequence[str] = ()) -> None:
         self.folder = folder
+        self._renewed_by = tuple(renewed_by)
         self._shards: list[dict[str, Any]] = []
         self._pending: list[Item] = []
         self.identity: dict[str, Any] = {} if identity is None else json.loads(json.dumps(identity))
@@ -103,7 +108,7 @@ class ArrayStore:
                     for key in content.files:
                         place, _, name = key.partition("|")
                         arrays.setdefault(int(place), {})[name] = content[key]
-            except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            except UNREADABLE as error:
                 raise FaunaError(
                     f"{path} expects a readable shard, got {type(error).__name__}; delete {self.folder} and evaluate anew"
                 ) from error
@@ -126,10 +131,19 @@ class ArrayStore:
             ) from error
         if version != FORMAT:
             raise FaunaError(f"{self._index} expects format {FORMAT}, got {version}; evaluate anew into another out")
-        if check and found != self.identity:
-            key = next(key for key in sorted({*found, *self.identity}) if found.get(key) != self.identity.get(key))
+        differ = [key for key in sorted({*found, *self.identity}) if found.get(key) != self.identity.get(key)]
+        if check and differ and set(differ) <= set(self._renewed_by):
+            self._index.unlink()  # its shards are written over
+            return
+        if check and differ:
+            key = next(key for key in differ if key not in self._renewed_by)
             raise FaunaError(
                 f"out: expected a new folder or the same evaluation, got {self.folder} made with {key} "
                 f"{found.get(key)!r} instead of {self.identity.get(key)!r}; choose another out"
             )
         self.identity, self._shards = found, shards
+
+
+def names_digest(names: Iterable[str]) -> str:
+    """Digest of a set of names, for identities."""
+    return hashlib.sha256("\n".join(sorted(names)).encode()).hexdigest()

@@ -2,17 +2,18 @@
 
 import io
 import json
-import zipfile
-import zlib
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int
 
 from fauna.data.feature_cache import write_atomically
 from fauna.errors import FaunaError
+from fauna.evaluation.store import UNREADABLE
 from fauna.metrics.tally import Tally
 
 FILE = "tallies.npz"
@@ -33,6 +34,24 @@ class NamedTally:
 
 Tallies = dict[str, dict[str, dict[str, NamedTally]]]
 """By group, key of the metric, species."""
+
+
+def name_owners(
+    tallies: Mapping[str, Mapping[str, Tally]], images: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, NamedTally]]:
+    """Join tallies by key and species with the photographs of each species.
+
+    Args:
+        tallies: of :func:`fauna.metrics.score.score_with_tallies`.
+        images: by photograph, in the order of the scores, with its ``species``.
+    """
+    names: dict[str, list[str]] = defaultdict(list)
+    for name, row in images.items():
+        names[row["species"]].append(name)
+    return {
+        key: {species: NamedTally(tuple(names[species]), tally) for species, tally in rows.items()}
+        for key, rows in tallies.items()
+    }
 
 
 def write_tallies(path: Path, tallies: Mapping[str, Mapping[str, Mapping[str, NamedTally]]]) -> None:
@@ -71,7 +90,7 @@ def read_tallies(path: Path) -> Tallies:
                 )
                 named = NamedTally(tuple(row["names"]), tally)
                 found.setdefault(group, {}).setdefault(key, {})[species] = named
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except UNREADABLE as error:
         raise FaunaError(
             f"{path} expects the sums behind a report, got {type(error).__name__}; score it again with "
             "fauna-eval predictions=FOLDER/predictions out=FOLDER"

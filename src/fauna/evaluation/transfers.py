@@ -1,9 +1,6 @@
 """Keypoint transfers of a baseline, kept so that they can be scored again without encoder and model."""
 
-import contextlib
 import io
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -13,14 +10,12 @@ from jaxtyping import Float
 from fauna.data.feature_cache import write_atomically
 from fauna.errors import FaunaError
 from fauna.evaluation.baselines.base import Bench, Transfer
+from fauna.evaluation.store import UNREADABLE, names_digest
 from fauna.metrics.sample import Sample
 from fauna.metrics.score import score_transfer
 
 Positions = dict[tuple[str, str], Float[np.ndarray, "key 2"]]
 """Predicted NDC by (source, target) photo."""
-
-UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error)
-"""What reading a missing or damaged file raises."""
 
 
 def record_transfers(
@@ -44,11 +39,9 @@ def record_transfers(
         seed: of the pairs.
         pairs: largest number of them per species.
     """
-    wanted = sorted(name for names in groups.values() for name in names)
-    with contextlib.suppress(*UNREADABLE), np.load(io.BytesIO(path.read_bytes())) as content:
-        made = int(content["seed"]), int(content["pairs"]), content["photos"].tolist()
-        if made == (seed, pairs, wanted):
-            return
+    photos = names_digest(f"{group} {name}" for group, names in groups.items() for name in names)
+    if _fits(path, seed=seed, pairs=pairs, photos=photos):
+        return
     transfer = prepare(bench)
     positions: Positions = {}
     for names in groups.values():
@@ -62,7 +55,16 @@ def record_transfers(
 
         if samples:
             score_transfer(recording, samples, seed=seed, pairs=pairs, bootstrap=1)
-    _write(path, positions, wanted, seed=seed, pairs=pairs)
+    _write(path, positions, seed=seed, pairs=pairs, photos=photos)
+
+
+def _fits(path: Path, *, seed: int, pairs: int, photos: str) -> bool:
+    """Whether a file was recorded for the same pairs of the same photographs; a broken one does not fit."""
+    try:
+        with np.load(io.BytesIO(path.read_bytes())) as content:
+            return (int(content["seed"]), int(content["pairs"]), str(content["photos"])) == (seed, pairs, photos)
+    except UNREADABLE:
+        return False
 
 
 def read_transfers(path: Path, *, seed: int, pairs: int) -> Positions:
@@ -99,7 +101,7 @@ def lookup(positions: Positions, samples: Sequence[Sample]) -> Callable[[int, in
     return transfer
 
 
-def _write(path: Path, positions: Positions, photos: Sequence[str], *, seed: int, pairs: int) -> None:
+def _write(path: Path, positions: Positions, *, seed: int, pairs: int, photos: str) -> None:
     names = sorted({name for both in positions for name in both})
     number = {name: place for place, name in enumerate(names)}
     places = np.array([[number[source], number[target]] for source, target in positions], np.int32).reshape(-1, 2)
@@ -108,9 +110,9 @@ def _write(path: Path, positions: Positions, photos: Sequence[str], *, seed: int
         buffer,
         names=np.array(names, dtype=str),
         places=places,
-        photos=np.array(photos, dtype=str),
         positions=np.array(list(positions.values()), np.float32),
         seed=np.array(seed),
         pairs=np.array(pairs),
+        photos=np.array(photos),
     )
     write_atomically(path, buffer.getvalue())

@@ -5,13 +5,22 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from fauna.errors import FaunaError
+from fauna.evaluation.prediction import Prediction
 from fauna.metrics.alignment import pa_mpjpe
 from fauna.metrics.keypoint_map import REFERENCE_POINTS, in_fit_half, map_keypoints, reference_places, resample
 from fauna.metrics.outcome import Options, Outcome, reasons_to_rows
 from fauna.metrics.pairs import mirror_map, ordered_pairs
 from fauna.metrics.sample import Case, LeftOut, annotated
 from fauna.metrics.tally import Tally, image_tally
-from fauna.metrics.transfer import NDC_PER_CROP, THRESHOLD, transfer_canonical, transfer_shared_base, transfer_tallies
+from fauna.metrics.transfer import (
+    NDC_PER_CROP,
+    THRESHOLD,
+    check_shared_base,
+    transfer_canonical,
+    transfer_shared_base,
+    transfer_tallies,
+)
 from fauna.metrics.visibility import to_ndc
 
 KT_KEY, KT_LR_FREE = "kt_pck@0.1", "kt_pck@0.1_lr_free"
@@ -25,26 +34,39 @@ PairTransfer = Callable[[Int[np.ndarray, "pair 2"]], Float[np.ndarray, "pair key
 
 def transfer_metric(cases: Sequence[Case], options: Options) -> Outcome:
     """``kt_pck@0.1`` and ``..._lr_free`` by canonical lookup, and with the setting ``shared_base`` both by vertex index."""
-    methods = {"": transfer_canonical}
-    if "shared_base" in options.settings:
-        methods["_shared_base"] = transfer_shared_base
-    tallies: dict[str, Tally] = {}
-    left_out: list[LeftOut] = []
-    usable = np.array([case.fault is None for case in cases])
-    meshes = [case.mesh for case in cases if case.fault is None]
-    points = [annotated(case.sample) for case in cases if case.fault is None]
+    own = _transferred(cases, options, [case.prediction for case in cases], [case.fault for case in cases], "")
+    if "shared_base" not in options.settings:
+        return own
+    shared = [case.shared for case in cases]
+    faults = _unequal(shared, [case.shared_fault for case in cases])
+    other = _transferred(cases, options, shared, faults, "_shared_base")
+    return Outcome({**own.tallies, **other.tallies}, [*own.left_out, *other.left_out])
+
+
+def _transferred(
+    cases: Sequence[Case],
+    options: Options,
+    predictions: Sequence[Prediction | None],
+    faults: Sequence[str | None],
+    suffix: str,
+) -> Outcome:
+    """Keypoint transfer between predictions; by vertex index where the keys have a suffix."""
+    method = transfer_shared_base if suffix else transfer_canonical
+    usable = np.array([fault is None for fault in faults])
+    meshes = [each for each, fault in zip(predictions, faults, strict=True) if fault is None and each is not None]
+    points = [annotated(case.sample) for case, fault in zip(cases, faults, strict=True) if fault is None]
     place = np.cumsum(usable) - 1
-    for suffix, method in methods.items():
-        outcome = pair_outcome(
-            cases,
-            options,
-            [case.fault for case in cases],
-            lambda pairs, method=method: method(meshes, points, place[pairs]),
-            suffix,
-        )
-        tallies |= outcome.tallies
-        left_out += outcome.left_out
-    return Outcome(tallies, left_out)
+    return pair_outcome(cases, options, faults, lambda pairs: method(meshes, points, place[pairs]), suffix)
+
+
+def _unequal(predictions: Sequence[Prediction | None], faults: Sequence[str | None]) -> list[str | None]:
+    """Faults, and for all of a species that its meshes have different triangles."""
+    usable = [each for each, fault in zip(predictions, faults, strict=True) if fault is None and each is not None]
+    try:
+        check_shared_base(usable)
+    except FaunaError:
+        return [fault or "its species shares no base mesh" for fault in faults]
+    return list(faults)
 
 
 def pair_outcome(

@@ -29,10 +29,11 @@ def ordered_pairs(names: Sequence[str], *, count: int, seed: int) -> Int[np.ndar
     by_name = np.array(sorted(range(len(names)), key=names.__getitem__), dtype=np.int64)
     number = len(names)
     total = number * (number - 1)
-    code = np.arange(total)
-    if total > count:
+    if total > count:  # ``choice`` never holds more than fifty times as many numbers as it draws
         rng = np.random.default_rng(derive_seed(seed, "pairs"))
         code = np.sort(rng.choice(total, size=count, replace=False))
+    else:
+        code = np.arange(total)
     source, target = np.divmod(code, max(number - 1, 1))
     target = target + (target >= source)
     return np.stack([by_name[source], by_name[target]], axis=1)

@@ -50,11 +50,15 @@ class Case:
         sample: the annotation.
         prediction: ``None`` if the model gave none.
         fault: why the predicted mesh cannot be used, ``None`` if it can.
+        shared: prediction whose base mesh the whole species shares, ``None`` if there is none.
+        shared_fault: likewise.
     """
 
     sample: Sample
     prediction: Prediction | None
     fault: str | None
+    shared: Prediction | None
+    shared_fault: str | None
 
     @property
     def mesh(self) -> Prediction:
@@ -63,19 +67,27 @@ class Case:
         return self.prediction
 
 
-def match(predictions: Sequence[Prediction], samples: Sequence[Sample]) -> dict[str, tuple[Case, ...]]:
+def match(
+    predictions: Sequence[Prediction], samples: Sequence[Sample], shared: Sequence[Prediction] = ()
+) -> dict[str, tuple[Case, ...]]:
     """Cases by species, species and names sorted, so that no score depends on the order of the arguments.
+
+    Args:
+        predictions: at most one for each sample.
+        samples: the annotated photos.
+        shared: predictions with one base mesh per species, at most one for each sample.
 
     Raises:
         FaunaError: names that repeat, predictions without a sample or of another species, keypoints that do not fit
             their names, names that differ within a species.
     """
-    for what, names in (("samples", [s.name for s in samples]), ("predictions", [p.name for p in predictions])):
+    for what, named in (("samples", samples), ("predictions", predictions), ("shared predictions", shared)):
+        names = [each.name for each in named]
         repeated = [name for name, count in Counter(names).items() if count > 1]
         if repeated:
             raise FaunaError(f"expected {what} with unique names, got {repeated[0]} more than once; rename or drop it")
     known = {sample.name: sample for sample in samples}
-    for prediction in predictions:
+    for prediction in (*predictions, *shared):
         if prediction.name not in known:
             raise FaunaError(f"expected predictions of the samples, got one of {prediction.name}; add its sample")
         if prediction.category != known[prediction.name].category:
@@ -83,11 +95,12 @@ def match(predictions: Sequence[Prediction], samples: Sequence[Sample]) -> dict[
                 f"expected a prediction of {known[prediction.name].category} for {prediction.name}, "
                 f"got one of {prediction.category}; predict it again"
             )
-    by_name = {prediction.name: prediction for prediction in predictions}
+    by_name, by_name_shared = ({each.name: each for each in which} for which in (predictions, shared))
     found: dict[str, list[Case]] = {}
     for name in sorted(known):
-        prediction = by_name.get(name)
-        found.setdefault(known[name].category, []).append(Case(known[name], prediction, _fault(prediction)))
+        own, of_all = by_name.get(name), by_name_shared.get(name)
+        case = Case(known[name], own, _fault(own), of_all, _fault(of_all))
+        found.setdefault(known[name].category, []).append(case)
     for cases in found.values():
         _check_keypoints(cases)
     return {species: tuple(found[species]) for species in sorted(found)}

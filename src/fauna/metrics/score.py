@@ -16,7 +16,8 @@ from fauna.metrics.transfer import Transfer, transfer_by_function
 from fauna.metrics.truth_metrics import global_flip, surface_metric, viewpoint_metric
 
 METRICS: tuple[Metric, ...] = (iou_metric, transfer_metric, map_metric, surface_metric, viewpoint_metric)
-SETTINGS = ("shared_base", "fit_on_test", "similarity")
+SHARED_BASE = "shared_base"
+SETTINGS = (SHARED_BASE, "fit_on_test", "similarity")
 
 
 def score(
@@ -28,6 +29,7 @@ def score(
     bootstrap: int,
     settings: Sequence[str] = ("fit_on_test", "similarity"),
     flip: bool | None = None,
+    shared: Sequence[Prediction] | None = None,
 ) -> dict[str, Any]:
     """Score predictions.
 
@@ -37,10 +39,11 @@ def score(
         seed: of pairs, splits, surface points and resampling.
         pairs: largest number of ordered pairs per species (20,000 in the paper); all pairs if there are fewer.
         bootstrap: number of replicates of the intervals.
-        settings: settings beyond the plain ones, with keys of their own: ``shared_base`` (keypoint transfer by vertex index; needs
-            predictions with equal triangles), ``fit_on_test`` (keypoint map fitted and tested on all photos), ``similarity``
+        settings: settings beyond the plain ones, with keys of their own: ``shared_base`` (keypoint transfer by vertex index
+            between ``shared``), ``fit_on_test`` (keypoint map fitted and tested on all photos), ``similarity``
             (surfaces compared after a rigid alignment with scale).
         flip: whether the model's +z is the tail; ``None`` = decided on these photos (:func:`model_flip`).
+        shared: predictions with equal triangles within a species, at most one for each sample; ``None`` = ``predictions``.
 
     Returns:
         ``metrics``: by key ``{value, low, high, n}``, the mean over species; pair metrics also tell ``pairs``. ``global_flip`` is 1
@@ -50,11 +53,10 @@ def score(
         ``left_out``: ``{name, metric, reason}`` of every image that a metric does not count.
 
     Raises:
-        FaunaError: predictions and samples that do not belong together, an unknown setting, different triangles with
-            ``shared_base``.
+        FaunaError: predictions and samples that do not belong together, an unknown setting.
     """
     return score_with_tallies(
-        predictions, samples, seed=seed, pairs=pairs, bootstrap=bootstrap, settings=settings, flip=flip
+        predictions, samples, seed=seed, pairs=pairs, bootstrap=bootstrap, settings=settings, flip=flip, shared=shared
     )[0]
 
 
@@ -67,12 +69,11 @@ def score_with_tallies(
     bootstrap: int,
     settings: Sequence[str],
     flip: bool | None,
+    shared: Sequence[Prediction] | None,
 ) -> tuple[dict[str, Any], dict[str, dict[str, Tally]]]:
     """The same, and by key and species the sums behind the numbers; their owners count the photos of a species as ``images`` does."""
-    unknown = sorted(set(settings) - set(SETTINGS))
-    if unknown:
-        raise FaunaError(f"settings: expected names among {', '.join(SETTINGS)}, got {unknown[0]!r}; choose among them")
-    cases = match(predictions, samples)
+    check_settings(settings)
+    cases = match(predictions, samples, predictions if shared is None else shared)
     flip = model_flip(predictions, samples) if flip is None else flip
     options = Options(seed, pairs, frozenset(settings), bool(flip))
     outcomes = {species: [metric(of_species, options) for metric in METRICS] for species, of_species in cases.items()}
@@ -87,6 +88,17 @@ def score_with_tallies(
         "n": count,
     }
     return result, tallies
+
+
+def check_settings(settings: Sequence[str]) -> None:
+    """Refuse unknown names.
+
+    Raises:
+        FaunaError: naming the first.
+    """
+    unknown = sorted(set(map(str, settings)) - set(SETTINGS))
+    if unknown:
+        raise FaunaError(f"settings: expected names among {', '.join(SETTINGS)}, got {unknown[0]!r}; choose among them")
 
 
 def model_flip(predictions: Sequence[Prediction], samples: Sequence[Sample]) -> bool | None:

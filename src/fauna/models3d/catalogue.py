@@ -4,7 +4,17 @@ from dataclasses import dataclass
 
 from fauna.errors import FaunaError
 from fauna.models3d.model import Model
-from fauna.models3d.rigs import CANINE, FARM, FARM_TAILED, HOOFED, MESH2MOTION_FOX, MESH2MOTION_HORSE, RIGS, Rig
+from fauna.models3d.rigs import (
+    CANINE,
+    FARM,
+    FARM_PUG,
+    FARM_TAILED,
+    HOOFED,
+    MESH2MOTION_FOX,
+    MESH2MOTION_HORSE,
+    RIGS,
+    Rig,
+)
 
 CC0 = "CC0-1.0"
 CC_BY = "CC-BY-4.0"
@@ -61,7 +71,7 @@ CATALOGUE: dict[str, Entry] = {
     "Horse_Farm_A": _entry("horse", "farm horse", FARM_TAILED, (0.35, 0.22, 0.24), (0.03, 0.41, 0.27)),
     "Llama_Farm_A": _entry("llama", "farm llama", FARM, (0.38, 0.15, 0.26), (-0.15, 0.26, 0.33), donor="Horse_Farm_A"),
     "Pig_Farm_A": _entry("pig", "farm pig", FARM, (0.55, 0.05, 0.24), (0.37, 0.25, 0.3), donor="Cow_Farm_A"),
-    "Pug_Farm_A": _entry("dog", "farm pug", FARM, (0.68, 0.25, 0.35), (-0.15, 0.4, 0.62), donor="Cow_Farm_A"),
+    "Pug_Farm_A": _entry("dog", "farm pug", FARM_PUG, (0.68, 0.25, 0.35), (-0.15, 0.4, 0.62), donor="Cow_Farm_A"),
     "Sheep_Farm_A": _entry("sheep", "farm sheep", FARM, (0.4, 0.18, 0.3), (-0.09, 0.06, 0.36), donor="Cow_Farm_A"),
     "Zebra_Farm_A": _entry("zebra", "farm horse", FARM_TAILED, (0.38, 0.2, 0.24), (0.12, 0.31, 0.24)),
     "fox-animations": _entry("fox", "fox", MESH2MOTION_FOX, (0.46, 0.21, 0.24), (-0.01, 0.39, 0.4)),

@@ -128,6 +128,18 @@ FARM_TAILED = Rig(
         "places": {**FARM.places, "tailbase": Place("Tail1", "Tail2", 0.75, toward=(0.0, 1.0, 0.0))},
     }
 )
+FARM_PUG = Rig(
+    **{
+        **{name: getattr(FARM, name) for name in Rig.__dataclass_fields__},
+        "name": "quaternius farm pug",  # its feet's joints lie on the soles, and its tail has none
+        "places": {
+            **FARM.places,
+            "front_paw": Place("FrontFoot.{S}", "FrontFoot.{S}_end", 0.6, toward=(0.0, 0.6, 1.0)),
+            "back_paw": Place("BackFoot.{S}", "BackFoot.{S}_end", 0.8, toward=(0.0, 0.6, 1.0)),
+            "tailbase": Place("Back", "Neck", 0.85, forward=-0.94),  # above and behind the hip, where no joint is
+        },
+    }
+)
 MESH2MOTION_FOX = Rig(
     name="mesh2motion fox", sides=("L", "R"), head="Head", snout=("Nose", "Head.tip", "Chin"),
     places={

@@ -137,6 +137,10 @@ class Models3DSource(PhotoSource):
         place = f"{self.seed}|{self.image_size}|{self.views}|{self.model}|{self.index}"
         return hashlib.blake2b(f"models3d|{herd_digest()}|{content}|{place}".encode(), digest_size=16).hexdigest()
 
+    def pictured(self) -> str:
+        """The individual, wherever the folder lies."""
+        return f"models3d|{self.seed}|{self.model}|{self.index // PHOTOS_PER_INDIVIDUAL}"
+
     def truth(self) -> Truth3D:
         """Geometry behind the crop."""
         return _herd(self.root, self.seed, self.image_size, self.views).truth(self.model, self.index)

@@ -58,7 +58,7 @@ class KeypointPhotos(PhotoCollection):
             raise FaunaError(f"data.source.box_fill: expected a share in (0, 1], got {box_fill}; e.g. 0.57")
         if box_margin < 0.0:
             raise FaunaError(f"data.source.box_margin: expected a share >= 0, got {box_margin}; e.g. 0.15")
-        self.root = Path(root).expanduser()
+        self.root = Path(root).expanduser().resolve()  # names and the split file follow the folder, not a link to it
         self.images = self.root / images
         self.crop_size = crop_size
         self.box_margin = box_margin
@@ -91,8 +91,8 @@ class KeypointPhotos(PhotoCollection):
     @property
     def identity(self) -> str:
         """Folder name and a digest of its full path, the annotation files and the chosen species."""
-        text = "\n".join([str(self.root.resolve()), *self.sources, "species", *(self.species or ())])
-        return f"{self.root.resolve().name}-{hashlib.blake2b(text.encode(), digest_size=6).hexdigest()}"
+        text = "\n".join([str(self.root), *self.sources, "species", *(self.species or ())])
+        return f"{self.root.name}-{hashlib.blake2b(text.encode(), digest_size=6).hexdigest()}"
 
     def categories(self) -> dict[str, CategoryPhotos]:
         """Photos per species in alphabetical order, each list sorted by photograph and annotation.

@@ -10,6 +10,7 @@ from PIL import Image
 
 from fauna.data.crop_box import CropBox
 from fauna.data.crop_window import crop_window
+from fauna.data.photo_files import digest_file
 from fauna.data.photos import MaskSource, PhotoSource, RawPhoto
 from fauna.data.readers.masks import Mask, MaskFile
 from fauna.errors import FaunaError
@@ -83,6 +84,14 @@ class CropSource(PhotoSource):
             raise FaunaError(f"{error.filename} expects a readable image, got {error.strerror}; restore it") from error
         digest.update(repr((self.box, self.mask, self.crop_size, self.box_fill)).encode())
         return digest.hexdigest()
+
+    def annotation_key(self) -> str:
+        """Digest of the keypoints."""
+        return hashlib.blake2b(repr(self.keypoints).encode(), digest_size=16).hexdigest()
+
+    def pictured(self) -> str:
+        """Digest of the photograph's file, whichever animal and part of it the crop shows."""
+        return digest_file(self.image)
 
     def _decode(self) -> Image.Image:
         try:

@@ -52,9 +52,11 @@ class MeshBaseline(ABC):
 
     Attributes:
         description: one sentence for the report.
+        of_all_photos: whether the prediction of one photograph depends on which others there are.
     """
 
     description: str
+    of_all_photos: bool
 
     @abstractmethod
     def prepare(self, bench: Bench) -> Reconstruct:

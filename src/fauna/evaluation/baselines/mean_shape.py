@@ -17,6 +17,7 @@ class MeanShape(MeshBaseline):
         "The base shape of the mean shape code over the photographs of training species, without deformation and "
         "articulation, seen from each photograph's predicted viewpoint. One mesh for all photographs."
     )
+    of_all_photos = True
 
     @torch.no_grad()
     def prepare(self, bench: Bench) -> Reconstruct:

@@ -14,6 +14,7 @@ class Untrained(MeshBaseline):
     """Random weights from a fixed seed; the feature statistics, which are measured and not learned, are the checkpoint's."""
 
     description = "The same architecture, random initialisation (seed 0), in the stage the checkpoint was trained to."
+    of_all_photos = False
 
     def prepare(self, bench: Bench) -> Reconstruct:
         """The model is built once."""

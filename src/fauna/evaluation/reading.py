@@ -16,9 +16,19 @@ from fauna.evaluation.store import ArrayStore, Item
 from fauna.metrics.sample import Sample
 
 SAMPLES, MODEL, FACTS = "samples", "model", "facts.json"
+FORMAT = 2
+"""Of ``facts.json``."""
 NEEDED = (
-    *("checkpoint.sha256", "checkpoint.config", "dataset.sha256", "dataset.identity", "groups", "size", "split"),
-    *("keypoint_names", "settings.baselines", "settings.probes", "left_out", "timing"),
+    *("checkpoint.sha256", "checkpoint.config", "checkpoint.species", "dataset.sha256", "dataset.identity"),
+    *(
+        "dataset.training_photos.included",
+        "dataset.training_photos.unknown",
+        "groups",
+        "size",
+        "split",
+        "keypoint_names",
+    ),
+    *("settings.baselines", "settings.probes", "settings.probed", "left_out", "timing"),
 )
 """What every ``facts.json`` holds, as dotted keys."""
 
@@ -29,10 +39,14 @@ def read_facts(folder: Path) -> dict[str, Any]:
     """``facts.json`` of a predictions folder.
 
     Raises:
-        FaunaError: when it is missing, broken or lacks something.
+        FaunaError: when it is missing, broken, of another version, or lacks something.
     """
     try:
         facts = json.loads((folder / FACTS).read_text(encoding="utf-8"))
+        if isinstance(facts, dict) and facts.get("format") != FORMAT:
+            raise FaunaError(
+                f"predictions: expected {folder / FACTS} of format {FORMAT}, got one of another version; evaluate the checkpoint again"
+            )
         for path in NEEDED:
             functools.reduce(operator.getitem, path.split("."), facts)
         return facts
