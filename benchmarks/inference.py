@@ -37,8 +37,20 @@ from fauna.types import PosedMesh
 from fauna.viewpoint.selection import best, camera_for
 
 WARM_UP = 2
+MASK_SIDE = 64
 PARTS = (
-    *("decode", "encoder", "bank", "shape", "embedder", "viewpoint", "deformation", "skeleton", "articulation"),
+    *(
+        "decode",
+        "encoder",
+        "mask_embedding",
+        "bank",
+        "shape",
+        "embedder",
+        "viewpoint",
+        "deformation",
+        "skeleton",
+        "articulation",
+    ),
     *("skinning", "rest"),
 )
 
@@ -52,7 +64,9 @@ def decode(path: Path, size: int) -> Tensor:
 @torch.no_grad()
 def reconstruct(model: FaunaModel, images: Tensor, clock: Clock) -> PosedMesh:
     """The lines of ``FaunaModel.forward`` up to the posed mesh, with the most likely viewpoint."""
+    masks = images.new_ones(1, MASK_SIDE, MASK_SIDE)  # what it shows changes no time
     features = model.feature_space.normalize(clock.timed("encoder", model.encoder)(images))
+    features = clock.timed("mask_embedding", model.mask_embedding)(features, masks)
     readout = clock.timed("bank", model.bank)(features.global_, None)
     base = clock.timed("shape", model.shape)(readout.embedding.mean(dim=0), None)
     embedding = clock.timed("embedder", model.embedder)(features)
@@ -63,7 +77,7 @@ def reconstruct(model: FaunaModel, images: Tensor, clock: Clock) -> PosedMesh:
     selection = best(hypotheses)
     camera = camera_for(hypotheses, selection, fov_deg=model.camera["fov_deg"], distance=model.camera["distance"])
     instance = clock.timed("deformation", model.deform)(base, embedding)
-    return model.articulate(base, instance, features, embedding, selection, camera)[2]
+    return model.articulate(base, instance, features, embedding, selection, camera, masks)[2]
 
 
 def instrument(model: FaunaModel, clock: Clock) -> None:

@@ -32,6 +32,7 @@ SMALL = {
 GROUPS = (
     "encoder",
     "feature_space",
+    "mask_embedding",
     "bank",
     "embedder",
     "viewpoint",

@@ -24,6 +24,7 @@ def build_model(cfg: DictConfig, encoder: Encoder) -> FaunaModel:
     return FaunaModel(
         encoder=encoder,
         feature_space=_make(cfg.feature_space),
+        mask_embedding=_make(cfg.mask_embedding),
         bank=_make(cfg.bank, FACTS["bank"]),
         embedder=_make(cfg.embedder),
         viewpoint=_make(cfg.viewpoint),

@@ -17,7 +17,18 @@ from fauna.losses.objective import IMAGE_TERMS, TERMS
 from fauna.precision import Precision
 
 ROOT_KEYS = (
-    *("encoder", "feature_space", "bank", "embedder", "viewpoint", "shape", "deformation", "rig", "articulation"),
+    *(
+        "encoder",
+        "feature_space",
+        "mask_embedding",
+        "bank",
+        "embedder",
+        "viewpoint",
+        "shape",
+        "deformation",
+        "rig",
+        "articulation",
+    ),
     *("appearance", "renderer", "discriminator", "losses", "optimizer", "schedule", "data", "trainer", "callbacks"),
     *("logger", "name", "seed", "out", "resume", "init_from", "init_components", "camera"),
     *("feature_lookup", "field_precision", "shade_fraction"),

@@ -16,12 +16,13 @@ from fauna.deformation.base import Deformation
 from fauna.encoder.base import Encoder
 from fauna.encoder.embedder import ImageEmbedder
 from fauna.encoder.feature_space import FeatureSpace
+from fauna.encoder.mask_embedding import MaskEmbedding, NoMaskEmbedding
 from fauna.geometry.rig import Rig
 from fauna.geometry.rows import per_row
 from fauna.losses.objective import compared_pixels
 from fauna.random import Draws
 from fauna.renderer.base import Renderer
-from fauna.renderer.deferred import FeatureLookup, render
+from fauna.renderer.deferred import FeatureLookup, render, render_silhouette
 from fauna.shape.base import Shape
 from fauna.stages import Stage
 from fauna.types import (
@@ -50,6 +51,7 @@ class FaunaModel(nn.Module):
     Args:
         encoder: frozen image encoder; its weights are never saved with the model.
         feature_space: statistics and PCA basis of the training set's features.
+        mask_embedding: what the networks see of the mask.
         bank: query -> shape code.
         embedder: features -> learned image embeddings.
         viewpoint: features -> viewpoint hypotheses.
@@ -69,6 +71,7 @@ class FaunaModel(nn.Module):
         *,
         encoder: Encoder,
         feature_space: FeatureSpace,
+        mask_embedding: MaskEmbedding | NoMaskEmbedding,
         bank: Bank,
         embedder: ImageEmbedder,
         viewpoint: ViewpointNetwork,
@@ -85,6 +88,7 @@ class FaunaModel(nn.Module):
         super().__init__()
         self.encoder = encoder
         self.feature_space = feature_space
+        self.mask_embedding = mask_embedding
         self.bank = bank
         self.embedder = embedder
         self.viewpoint = viewpoint
@@ -108,7 +112,7 @@ class FaunaModel(nn.Module):
             draws: random draws of a training step; ``None`` reconstructs without lattice jitter and with the most
                 likely viewpoint of each photo.
         """
-        features = self.feature_space.normalize(self.encode(batch))
+        features = self.mask_embedding(self.feature_space.normalize(self.encode(batch)), batch.masks)
         readout = self.bank(features.global_, batch.category)
         code = readout.embedding.mean(dim=0)
         base = self.shape(code, None if draws is None else draws.generator("lattice_jitter"))
@@ -117,7 +121,7 @@ class FaunaModel(nn.Module):
         selection = best(hypotheses) if draws is None else self._select(hypotheses, draws)
         camera = camera_for(hypotheses, selection, fov_deg=self.camera["fov_deg"], distance=self.camera["distance"])
         instance = self.deform(base, embedding)
-        skeleton, pose, posed = self.articulate(base, instance, features, embedding, selection, camera)
+        skeleton, pose, posed = self.articulate(base, instance, features, embedding, selection, camera, batch.masks)
         rows = embedding.rows(selection.photo)
         light = self.appearance.light(rows.texture)
         renders = render(
@@ -176,13 +180,30 @@ class FaunaModel(nn.Module):
         embedding: ImageEmbedding,
         selection: Selection,
         camera: Camera,
+        masks: Float[Tensor, "batch height width"],
     ) -> tuple[Skeleton | None, Pose | None, PosedMesh]:
         """Rest bones, their predicted angles and the skinned mesh of each row; the rest mesh while articulation is off."""
+        rest = PosedMesh(per_row(instance.verts, len(selection.photo)), base.faces, base.verts)
         if not self.stage.articulation:
-            return None, None, PosedMesh(per_row(instance.verts, len(selection.photo)), base.faces, base.verts)
+            return None, None, rest
+        residual = self._residual(rest, base, selection, camera, masks) if self.articulation.compares_outline else None
         skeleton = self.rig.rest(instance, legs_attached=self.stage.legs_attached)
-        pose = self.articulation(features, embedding.geometry, skeleton, camera, leg_limits=self.stage.leg_limits)
+        limits = self.stage.leg_limits
+        pose = self.articulation(features, embedding.geometry, skeleton, camera, residual, leg_limits=limits)
         return skeleton, pose, self.rig.pose(base, instance, skeleton, pose)
+
+    @torch.no_grad()
+    def _residual(
+        self,
+        rest: PosedMesh,
+        base: BaseShape,
+        selection: Selection,
+        camera: Camera,
+        masks: Float[Tensor, "batch height width"],
+    ) -> Float[Tensor, "row height width"]:
+        """Mask minus silhouette of the mesh at rest, of each row."""
+        size = (masks.shape[-2], masks.shape[-1])
+        return masks[selection.photo] - render_silhouette(self.renderer, rest, camera, size, topology=base.topology)
 
     def set_stage(self, stage: Stage) -> None:
         """Switch parts on or off; called by the schedule callback and when weights are loaded."""

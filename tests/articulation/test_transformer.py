@@ -17,6 +17,8 @@ OPTIONS = {
     "key_dim": 5,
     "local_points": [0.5, 1.0],
     "local_dim": 4,
+    "residual_points": 0,
+    "residual_window": 0.4,
     "normalize_inputs": True,
     "bone_index": "both",
     "num_octaves": 2,
@@ -63,7 +65,7 @@ def test_published_network_has_the_published_number_of_parameters():
     assert sum(p.numel() for p in net.parameters()) == 2_309_891
 
 
-@pytest.mark.parametrize("bone_index", ["add", "concat", "both"])
+@pytest.mark.parametrize("bone_index", ["add", "concat", "both", "learned"])
 @pytest.mark.parametrize("local_dim", [4, None])
 @pytest.mark.parametrize("normalize_inputs", [True, False])
 def test_every_variant_predicts_angles_within_the_limits(bone_index, local_dim, normalize_inputs):
@@ -127,6 +129,47 @@ def test_local_features_are_those_under_the_bone():
     torch.testing.assert_close(sampled[..., :2][inside], ndc[inside], atol=1e-5, rtol=1e-4)
 
 
+def test_the_residual_is_read_around_the_middle_of_each_bone():
+    _, _, skeleton, camera = inputs()
+    net = network(residual_points=3, residual_window=0.2)
+    centres = (torch.arange(32) + 0.5) / 16 - 1
+    ramps = torch.stack([10 * centres[:, None] + centres + row for row in range(3)])  # value = 10 y + x + row
+    starts, ends = skeleton.starts.expand(3, -1, -1), skeleton.ends.expand(3, -1, -1)
+    sampled = net.sample_residual(ramps, starts, ends, camera)
+    middle = project(0.5 * (skeleton.starts + skeleton.ends), camera)
+    places = [middle + torch.tensor([dx, dy]) for dx in (-0.2, 0.0, 0.2) for dy in (-0.2, 0.0, 0.2)]
+    ndc = torch.stack(places, dim=2)
+    inside = (ndc.abs() < 0.9).all(-1)
+    expected = 10 * ndc[..., 1] + ndc[..., 0] + torch.arange(3.0)[:, None, None]
+    assert inside.sum() > 200
+    torch.testing.assert_close(sampled[inside], expected[inside], atol=1e-4, rtol=1e-4)
+    outside = network(residual_points=2, residual_window=3.0).sample_residual(ramps + 30, starts, ends, camera)
+    assert torch.equal(outside, torch.zeros(3, 20, 4))
+
+
+def test_the_residual_moves_the_bones():
+    net, given = network(residual_points=5), inputs()
+    still = net(*given, torch.zeros(3, 16, 16), leg_limits="early").angles
+    moved = net(*given, torch.ones(3, 16, 16), leg_limits="early").angles
+    assert net.compares_outline
+    assert (moved - still).abs().max() > 1e-3
+
+
+def test_learned_codes_tell_bones_apart_that_see_the_same():
+    net = network(bone_index="learned")
+    features, geometry, skeleton, camera = inputs()
+    same = Skeleton(
+        skeleton.starts[:, :1].expand(-1, 20, -1), skeleton.ends[:, :1].expand(-1, 20, -1), skeleton.parents
+    )
+    net.index_code.zero_()
+    upper = net(features, geometry, same, camera, leg_limits="early").angles[:, [10, 19]]
+    assert (upper[:, 0] - upper[:, 1]).abs().max() > 1e-3
+    assert net.bone_code is not None
+    torch.nn.init.zeros_(net.bone_code)
+    upper = net(features, geometry, same, camera, leg_limits="early").angles[:, [10, 19]]
+    torch.testing.assert_close(upper[:, 0], upper[:, 1])
+
+
 def test_positions_are_in_the_camera_frame_and_about_unit_size():
     _, _, skeleton, _ = inputs()
     camera = make_camera(torch.eye(3)[None], torch.zeros(1, 3), fov_deg=25.0, distance=10.0)
@@ -175,7 +218,7 @@ def unchecked() -> Iterator[None]:
 
 
 def test_bad_options(unchecked):
-    with pytest.raises(FaunaError, match="add, concat or both, got 'none'"):
+    with pytest.raises(FaunaError, match="add, concat, both or learned, got 'none'"):
         network(bone_index="none")
     with pytest.raises(FaunaError, match="multiple of num_heads, got 16 and 3"):
         network(num_heads=3)

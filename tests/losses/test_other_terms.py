@@ -20,6 +20,7 @@ def weights(weighting: str, measured: torch.Tensor, *, photos: int, all_rendered
     return row_weights(
         weighting,
         probability=torch.linspace(0.1, 0.7, rows, dtype=measured.dtype),
+        relative=torch.linspace(0.2, 1.0, rows, dtype=measured.dtype),
         measured=measured,
         photo=torch.arange(photos).repeat_interleave(rows // photos),
         num_hypotheses=4,
@@ -74,6 +75,12 @@ def test_probability_weights_average_one_over_the_hypotheses():
     measured = draw(4).abs()
     given = weights("probability", measured, photos=4, all_rendered=False)
     torch.testing.assert_close(given, 4 * torch.linspace(0.1, 0.7, 4, dtype=torch.float64))
+
+
+def test_an_explored_viewpoint_counts_as_far_as_it_is_believed():
+    measured = draw(4).abs()
+    given = weights("softmin", measured, photos=4, all_rendered=False)
+    torch.testing.assert_close(given, torch.linspace(0.2, 1.0, 4, dtype=torch.float64))
 
 
 @pytest.mark.parametrize("weighting", ["softmin", "probability"])

@@ -9,7 +9,13 @@ from fauna.types import Camera, Features, Pose, Skeleton
 
 
 class Articulation(nn.Module, ABC):
-    """Predicts the bone rotations of each row (supplement, "Bone Rotation Prediction")."""
+    """Predicts the bone rotations of each row (supplement, "Bone Rotation Prediction").
+
+    Attributes:
+        compares_outline: whether :meth:`forward` reads ``residual``, which costs one more silhouette per row.
+    """
+
+    compares_outline: bool = False
 
     @abstractmethod
     def forward(
@@ -18,6 +24,7 @@ class Articulation(nn.Module, ABC):
         geometry: Float[Tensor, "batch geometry_chan"],
         skeleton: Skeleton,
         camera: Camera,
+        residual: Float[Tensor, "row height width"] | None = None,
         *,
         leg_limits: str,
     ) -> Pose:
@@ -28,5 +35,6 @@ class Articulation(nn.Module, ABC):
             geometry: geometry embedding of each photo.
             skeleton: rest bones, of each photo or one for all.
             camera: of each row, photo-major; receives no gradient.
+            residual: mask minus silhouette of the mesh at rest, of each row; ``None`` unless :attr:`compares_outline`.
             leg_limits: a name of :data:`fauna.articulation.constraints.LEG_LIMITS`.
         """

@@ -16,6 +16,7 @@ class NoArticulation(Articulation):
         geometry: Float[Tensor, "batch geometry_chan"],
         skeleton: Skeleton,
         camera: Camera,
+        residual: Float[Tensor, "row height width"] | None = None,
         *,
         leg_limits: str,
     ) -> Pose:

@@ -31,8 +31,13 @@ class ArticulationTransformer(Articulation):
         key_dim: channels of the key map.
         local_points: places along a bone, 0 = start and 1 = end, at which the key map is sampled.
         local_dim: width local features are projected to, ``None`` = as they are.
+        residual_points: places per axis of a square window around a bone's middle at which the residual of the outline is
+            read (mask minus silhouette of the mesh at rest), 0 = none (paper).
+        residual_window: half the side of that window, NDC (half the image is 1).
         normalize_inputs: layer norm on the photo embedding and on the local features.
-        bone_index: the bone's index is ``add``-ed to every input, ``concat``-enated with the position, or ``both``.
+        bone_index: the bone's index is ``add``-ed to every input, ``concat``-enated with the position, or ``both``;
+            ``learned``: concatenated, and a learned vector per bone is added to its token, so that left and right legs,
+            whose inputs are alike from the side, can move apart.
         num_octaves: octaves of the harmonic position code.
         position_scale: factor that brings camera-frame positions to about [-1, 1], per world unit.
         camera_distance: nominal distance of the object, world units.
@@ -53,8 +58,10 @@ class ArticulationTransformer(Articulation):
         key_dim: int,
         local_points: Sequence[float],
         local_dim: int | None,
+        residual_points: int,
+        residual_window: float,
         normalize_inputs: bool,
-        bone_index: Literal["add", "concat", "both"],
+        bone_index: Literal["add", "concat", "both", "learned"],
         num_octaves: int,
         position_scale: float,
         camera_distance: float,
@@ -68,12 +75,15 @@ class ArticulationTransformer(Articulation):
         body_twist_deg: float,
     ) -> None:
         super().__init__()
-        if bone_index not in ("add", "concat", "both"):
-            raise FaunaError(f"articulation.bone_index must be add, concat or both, got {bone_index!r}; choose one")
+        if bone_index not in ("add", "concat", "both", "learned"):
+            raise FaunaError(
+                f"articulation.bone_index must be add, concat, both or learned, got {bone_index!r}; choose one"
+            )
         if hidden_dim % num_heads:
             raise FaunaError(
                 f"articulation.hidden_dim must be a multiple of num_heads, got {hidden_dim} and {num_heads}; change one"
             )
+        self.compares_outline = residual_points > 0
         self.bone_index = bone_index
         self.position_scale = position_scale
         self.camera_distance = camera_distance
@@ -86,7 +96,7 @@ class ArticulationTransformer(Articulation):
         self.normalize_local = nn.LayerNorm(local_width) if normalize_inputs else nn.Identity()
         self.embedding = HarmonicEmbedding(num_octaves=num_octaves, base_frequency=0.9 * math.pi)
         position_width = self.embedding.out_dim(_POSITION_DIM + (bone_index != "add"))
-        token_dim = geometry_dim + local_width * len(local_points) + position_width
+        token_dim = geometry_dim + local_width * len(local_points) + residual_points**2 + position_width
         self.in_layer = nn.Sequential(nn.Linear(token_dim, hidden_dim), nn.GELU(), nn.LayerNorm(hidden_dim))
         self.blocks = nn.Sequential(*(_Block(hidden_dim, num_heads, mlp_ratio) for _ in range(num_blocks)))
         self.out_layer = nn.Linear(hidden_dim, 3)
@@ -95,6 +105,10 @@ class ArticulationTransformer(Articulation):
                 parameter.mul_(output_init)
         self.local_points: Tensor
         self.index_code: Tensor
+        self.bone_code = nn.Parameter(torch.randn(NUM_BONES, hidden_dim)) if bone_index == "learned" else None
+        window = torch.linspace(-residual_window, residual_window, residual_points)
+        self.window: Tensor
+        self.register_buffer("window", torch.cartesian_prod(window, window), persistent=False)
         self.register_buffer("local_points", torch.tensor(list(local_points)), persistent=False)
         index_code = (torch.arange(NUM_BONES) + 0.5) / NUM_BONES * 2 - 1
         self.register_buffer("index_code", index_code[:, None], persistent=False)
@@ -105,6 +119,7 @@ class ArticulationTransformer(Articulation):
         geometry: Float[Tensor, "batch geometry_chan"],
         skeleton: Skeleton,
         camera: Camera,
+        residual: Float[Tensor, "row height width"] | None = None,
         *,
         leg_limits: str,
     ) -> Pose:
@@ -115,10 +130,14 @@ class ArticulationTransformer(Articulation):
         image = per_row(self.normalize_global(geometry), rows)
         local = self.normalize_local(self.project_local(self.sample_keys(features.keys, starts, ends, camera)))
         position = self.embedding(self.positions(starts, ends, camera))
-        tokens = torch.cat((image[:, None].expand(-1, NUM_BONES, -1), local.flatten(2), position), dim=-1)
-        if self.bone_index != "concat":
+        outline = self.sample_residual(residual, starts, ends, camera)
+        tokens = torch.cat((image[:, None].expand(-1, NUM_BONES, -1), local.flatten(2), outline, position), dim=-1)
+        if self.bone_index in ("add", "both"):
             tokens = tokens + self.index_code
-        output = self.out_layer(self.blocks(self.in_layer(tokens)))
+        tokens = self.in_layer(tokens)
+        if self.bone_code is not None:
+            tokens = tokens + self.bone_code
+        output = self.out_layer(self.blocks(tokens))
         limits = _limits(leg_limits, self.max_angle_deg, self.body_twist_deg)
         return Pose(torch.tanh(self.output_gain * output) * constant(limits, output))
 
@@ -140,6 +159,24 @@ class ArticulationTransformer(Articulation):
         photos = ndc.unflatten(0, (keys.shape[0], rows_per_item(ndc.shape[0], keys.shape[0])))
         sampled = F.grid_sample(keys, photos, mode="bilinear", padding_mode="zeros", align_corners=False)
         return sampled.permute(0, 2, 3, 1).reshape(*places.shape[:3], -1)
+
+    @torch.no_grad()
+    def sample_residual(
+        self,
+        residual: Float[Tensor, "row height width"] | None,
+        starts: Float[Tensor, "row bone 3"],
+        ends: Float[Tensor, "row bone 3"],
+        camera: Camera,
+    ) -> Float[Tensor, "row bone place"]:
+        """Residual in a window around the middle of the rest bones, bilinear, zero outside of the photo."""
+        if not self.compares_outline:
+            return starts.new_zeros(*starts.shape[:2], 0)
+        assert residual is not None, "an articulation that compares outlines is given the residual"
+        middle = project(0.5 * (starts + ends), camera)  # (row, bone, 2)
+        places = middle[:, :, None] + self.window
+        return F.grid_sample(residual[:, None], places, mode="bilinear", padding_mode="zeros", align_corners=False)[
+            :, 0
+        ]
 
     @torch.no_grad()
     def positions(

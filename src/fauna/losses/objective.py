@@ -77,9 +77,11 @@ class Objective:
             start=torch.zeros_like(out.renders.silhouette[:, 0, 0]),
         )
         hypotheses, chosen = out.hypotheses, (out.selection.photo, out.selection.hypothesis)
+        probabilities = mixed_probabilities(hypotheses, stage.uniform_mix).detach()
         weights = row_weights(
             self.weighting,
-            probability=mixed_probabilities(hypotheses, stage.uniform_mix)[chosen],
+            probability=probabilities[chosen],
+            relative=probabilities[chosen] / probabilities.amax(dim=1)[out.selection.photo],
             measured=measured,
             photo=out.selection.photo,
             num_hypotheses=hypotheses.predicted_losses.shape[1],
