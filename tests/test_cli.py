@@ -10,6 +10,7 @@ from hydra.core.global_hydra import GlobalHydra
 import fauna.eval
 import fauna.train
 from fauna.cli import run_cli
+from fauna.errors import Interrupted
 from tests.runs import QUIET, command, composed, dataset, tiny
 
 SHORT = ("trainer.max_steps=2",)
@@ -133,6 +134,101 @@ def test_missing_encoder_weights_without_fallback_are_an_error(tmp_path, cli):
     assert "hf download" in last
 
 
+def test_a_refused_run_leaves_nothing_and_says_one_line(tmp_path, cli):
+    for arguments in (["bank.num_slots=many"], [*tiny(*SHORT), "data.root=/nowhere/at/all"]):
+        done = cli(*arguments)
+        assert done.returncode == 2
+        assert "Error executing job" not in done.stderr
+        assert not (tmp_path / "run").exists()
+    done = cli("checkpoint=a", "seed=1.5", main=fauna.eval.main)
+    assert done.stderr.splitlines() == ["fauna: error: seed: expected a whole number, got 1.5 (float); e.g. seed=60"]
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_refused_run_leaves_the_files_of_others_alone(tmp_path, cli):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "notes.txt").write_text("mine")
+    assert cli("bank.num_slots=many").returncode == 2
+    assert (tmp_path / "run" / "notes.txt").read_text() == "mine"
+
+
+def test_a_refused_job_does_not_stop_the_sweep_and_is_not_forgotten(tmp_path, cli):
+    done = cli("-m", *tiny(*SHORT, "bank.num_slots=0,3,-1"))
+    assert done.returncode == 2
+    lines = [line for line in done.stderr.splitlines() if line.startswith("fauna: error: ")]
+    assert lines[0].startswith("fauna: error: job 0 (")
+    assert "bank.num_slots=0" in lines[0]
+    assert lines[1].startswith("fauna: error: job 2 (")
+    assert "refusals of 0, 2" in lines[2]
+    assert "Error executing job" not in done.stderr
+    assert json.loads((tmp_path / "run" / "1" / "result.json").read_text())["steps"] == 2
+    assert "refused: " in (tmp_path / "run" / "0" / "train.log").read_text()
+
+
+def test_an_interrupt_ends_the_whole_sweep(tmp_path, cli, monkeypatch):
+    started = []
+
+    def interrupted(cfg, folder):
+        started.append(folder)
+        raise Interrupted("training was interrupted at step 1", 130)
+
+    monkeypatch.setattr(fauna.train, "train", interrupted)
+    done = cli("-m", *tiny(*SHORT, "seed=0,1"))
+    assert done.returncode == 130
+    assert len(started) == 1
+
+
+def test_folders_that_cannot_be_made_are_named(tmp_path, cli):
+    (tmp_path / "run").write_text("a file")
+    for main in (fauna.train.main, fauna.eval.main):
+        done = cli("seed=0", main=main)
+        assert done.returncode == 2
+        assert (
+            done.stderr.strip().splitlines()[-1].startswith(f"fauna: error: {tmp_path}/run: expected a path that can")
+        )
+        assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["chekpoint=a"], ["chekpoint: expected a known key", "did you mean checkpoint?"]),
+        (["zzz=3"], ["zzz", "see fauna-eval --cfg job"]),
+        (["renderer=null"], ["config group", "fauna-eval --help"]),
+        (["data=nowhere"], ["data: expected one of", "zoo_small"]),
+        (["checkpoint=a b=c"], ["checkpoint: expected a plain value", "put it in quotes"]),
+    ],
+)
+def test_hints_of_eval_are_about_eval(cli, arguments, words):
+    done = cli(*arguments, main=fauna.eval.main)
+    last = done.stderr.strip().splitlines()[-1]
+    assert done.returncode == 2
+    for word in words:
+        assert word in last
+    assert "fauna-train" not in last
+
+
+@pytest.mark.parametrize(
+    ("word", "hint"), [("comapre", "did you mean fauna-eval compare?"), ("runs/a", "checkpoint=runs/a")]
+)
+def test_a_first_word_that_is_no_command(word, hint, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["fauna-eval", word, "x"])
+    with pytest.raises(SystemExit, match="2"):
+        fauna.eval.main()
+    assert hint in capsys.readouterr().err
+
+
+def test_a_reader_that_has_gone_is_no_error(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["fauna-eval", "compare"])
+
+    def printing():
+        raise BrokenPipeError(32, "Broken pipe")
+
+    with pytest.raises(SystemExit, match="141"):
+        run_cli(printing, "fauna-eval")
+    assert capsys.readouterr().err == ""
+
+
 def test_eval_reports_bad_weights_in_one_line(tmp_path, cli):
     (tmp_path / "other.safetensors").write_bytes(b"not a weight file")
     for name, word in (
@@ -155,5 +251,5 @@ def test_quiet_overrides_name_callbacks():
 def test_sweep_flag_may_stand_anywhere(monkeypatch):
     monkeypatch.setattr(sys, "argv", ["fauna-train", "+experiment=tiny", "-m", "seed=0,1"])
     seen: list[list[str]] = []
-    run_cli(lambda: seen.append(list(sys.argv)))
+    run_cli(lambda: seen.append(list(sys.argv)), "fauna-train")
     assert seen == [["fauna-train", "-m", "+experiment=tiny", "seed=0,1"]]

@@ -54,9 +54,22 @@ def validate(cfg: DictConfig) -> None:
         FaunaError: on the first unknown key, missing key or value of a wrong type.
     """
     _check_root(cfg)
-    for path, node in _targets(cfg, ""):
-        _check_node(path, node)
+    check_targets(cfg, "")
     check_ranges(cfg)
+
+
+def check_targets(cfg: DictConfig, path: str) -> None:
+    """Bind every node with a ``_target_`` as :func:`validate` does.
+
+    Args:
+        cfg: a composed configuration or one node of it.
+        path: dotted key of ``cfg``, empty for the whole.
+
+    Raises:
+        FaunaError: on the first unknown key, missing key or value of a wrong type.
+    """
+    for key, node in _targets(cfg, path):
+        _check_node(key, node)
 
 
 def _check_root(cfg: DictConfig) -> None:
@@ -77,7 +90,7 @@ def _check_root(cfg: DictConfig) -> None:
             hint = f"did you mean {close[0]}?" if close else f"known keys: {', '.join(ROOT_KEYS)}"
             raise FaunaError(f"{key}: expected a known key, got an unknown one; {hint}")
     for key, expected in rules.items():
-        _check_value(key, _value(cfg, key, key), expected)
+        check_value(key, _value(cfg, key, key), expected)
     if cfg.seed < 0:
         raise FaunaError(f"seed: expected a whole number >= 0, got {cfg.seed}; e.g. seed=0")
     if cfg.init_components is not None and cfg.init_from is None:
@@ -129,7 +142,7 @@ def _check_node(path: str, node: DictConfig) -> None:
             hint = f"did you mean {path}.{close[0]}?" if close else f"known keys: {', '.join(sorted(parameters))}"
             raise FaunaError(f"{path}.{name}: expected a key of {node._target_}, got an unknown one; {hint}")
         expected, value = hints.get(name, Any), _value(node, name, f"{path}.{name}")
-        _check_value(f"{path}.{name}", value, expected)
+        check_value(f"{path}.{name}", value, expected)
         number = as_numbers(expected, value)
         if repr(number) != repr(value) and not OmegaConf.is_interpolation(node, name):
             node[name] = number
@@ -163,7 +176,17 @@ def _value(node: DictConfig, key: str, path: str) -> Any:
     return OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
 
 
-def _check_value(path: str, value: Any, expected: Any) -> None:
+def check_value(path: str, value: Any, expected: Any) -> None:
+    """Refuse a value that does not fit a type annotation.
+
+    Args:
+        path: dotted key, for the message.
+        value: of the configuration, plain containers.
+        expected: annotation.
+
+    Raises:
+        FaunaError: naming the key.
+    """
     if not accepts(expected, value):
         example = EXAMPLES.get(expected, "")
         hint = f"e.g. {path}={example}" if example else "see the comments of its YAML file"

@@ -1,5 +1,7 @@
 """``fauna-eval``: every metric, baselines and a report of a checkpoint; ``fauna-eval compare`` and ``table`` for several."""
 
+import difflib
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -9,30 +11,37 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from fauna._conf import CONF_DIR
-from fauna.cli import run_cli
+from fauna.cli import hydra_job, run_cli
 from fauna.errors import FaunaError
-from fauna.limits import check_ranges
 
 if TYPE_CHECKING:
     from fauna.evaluation.gather import Gatherer
     from fauna.losses.objective import Objective
 
-WHOLE = ("max_photos", "pictures", "threads", "size", "pairs", "bootstrap", "probe_steps", "probe_photos")
-MAY_BE_NULL = ("max_photos", "threads")
+WORDS = ("compare", "table")
 
 
 def main() -> None:
     """Entry point of the command line; bad input ends with one line on stderr and exit code 2."""
-    words = {"compare": _compare, "table": _table}
-    if len(sys.argv) > 1 and sys.argv[1] in words:
-        run_cli(lambda: words[sys.argv[1]](sys.argv[2:]))
+    word = sys.argv[1] if len(sys.argv) > 1 else ""
+    if word in WORDS:
+        run_cli({"compare": _compare, "table": _table}[word], "fauna-eval")
+    elif re.fullmatch(r"[^-=~+][^=]*", word):
+        run_cli(lambda: _refuse(word), "fauna-eval")
     else:
-        run_cli(_hydra_main)
+        run_cli(_hydra_main, "fauna-eval")
 
 
 @hydra.main(config_path=str(CONF_DIR), config_name="eval", version_base="1.3")
 def _hydra_main(cfg: DictConfig) -> None:
-    evaluate(cfg, Path(HydraConfig.get().runtime.output_dir))
+    with hydra_job("fauna-eval"):
+        evaluate(cfg, Path(HydraConfig.get().runtime.output_dir))
+
+
+def _refuse(word: str) -> None:
+    close = difflib.get_close_matches(word, WORDS, n=1)
+    hint = f"did you mean fauna-eval {close[0]}?" if close else f"e.g. fauna-eval checkpoint={word}"
+    raise FaunaError(f"{word}: expected compare, table or key=value, got another word; {hint}")
 
 
 def evaluate(cfg: DictConfig, folder: Path) -> dict[str, Any]:
@@ -44,15 +53,16 @@ def evaluate(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     Raises:
         FaunaError: when the configuration, the checkpoint or the dataset cannot be used.
     """
-    check(cfg)
+    from fauna.evaluation.arguments import check
     from fauna.evaluation.report import write_reports
     from fauna.evaluation.scoring import ScoreOptions
 
+    check(cfg)
     if cfg.predictions is None:
         predictions = folder / "predictions"
         predict_checkpoint(cfg, predictions)
     else:
-        predictions = Path(cfg.predictions)
+        predictions = Path(str(cfg.predictions)).expanduser()
     options = ScoreOptions(seed=cfg.seed, pairs=cfg.pairs, bootstrap=cfg.bootstrap, settings=tuple(cfg.settings))
     return write_reports(predictions, folder, options, pictures=cfg.pictures)
 
@@ -69,6 +79,7 @@ def predict_checkpoint(cfg: DictConfig, folder: Path) -> None:
     from hydra.utils import instantiate
 
     from fauna.build import build_encoder, build_model
+    from fauna.configuration import check_targets
     from fauna.evaluation.gather import Gatherer
     from fauna.evaluation.protocol import photo_keys
     from fauna.evaluation.subjects import choose, dataset_facts
@@ -78,7 +89,7 @@ def predict_checkpoint(cfg: DictConfig, folder: Path) -> None:
     from fauna.threads import set_threads
 
     set_threads(cfg.threads)
-    path = locate(cfg.checkpoint)
+    path = locate(str(cfg.checkpoint))
     metadata = read_weights(path)[1]
     stored = DictConfig(metadata["config"])
     encoder = build_encoder(stored)
@@ -87,6 +98,7 @@ def predict_checkpoint(cfg: DictConfig, folder: Path) -> None:
     stored.data = _dataset(stored.data, cfg.data)
     stored.data.split = "val"  # unused: the split is chosen below
     stored.data.on_bad = "error"  # nothing is read before its turn; what cannot be used is left out by name
+    check_targets(stored.data, "data")
     stored.renderer = cfg.renderer  # not learned: any machine can evaluate what another has trained
     data = instantiate(stored.data, _convert_="all", _partial_=True)(encoder=encoder)
     model = build_model(stored, encoder)
@@ -143,44 +155,16 @@ def _dataset(stored: DictConfig, given: DictConfig) -> DictConfig:
     return cast(DictConfig, OmegaConf.merge(stored, changes))
 
 
-def check(cfg: DictConfig) -> None:
-    """Refuse what cannot work before anything is loaded.
-
-    Raises:
-        FaunaError: naming the key.
-    """
-    check_ranges(cfg)
-    if (cfg.checkpoint is None) == (cfg.predictions is None):
-        got = "neither" if cfg.checkpoint is None else "both"
-        raise FaunaError(f"checkpoint: expected either checkpoint=PATH or predictions=DIR, got {got}; give one of them")
-    for key in WHOLE:
-        value = cfg[key]
-        if value is None and key in MAY_BE_NULL:
-            continue
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise FaunaError(f"{key}: expected a whole number >= 1, got {value!r}; e.g. {key}=12")
-    from fauna.evaluation.baselines import check_baselines
-    from fauna.evaluation.probes import check_probes
-    from fauna.evaluation.subjects import SPLITS
-    from fauna.metrics.score import check_settings
-
-    if cfg.data.split not in (None, *SPLITS):
-        raise FaunaError(f"data.split: expected one of {', '.join(SPLITS)}, got {cfg.data.split!r}; choose one")
-    check_baselines(cfg.baselines)
-    check_probes(cfg.probes)
-    check_settings(cfg.settings)
-
-
-def _compare(arguments: list[str]) -> None:
+def _compare() -> None:
     from fauna.evaluation.compare import compare_command
 
-    compare_command(arguments)
+    compare_command(sys.argv[2:])
 
 
-def _table(arguments: list[str]) -> None:
+def _table() -> None:
     from fauna.evaluation.table import table_command
 
-    table_command(arguments, evaluate_run)
+    table_command(sys.argv[2:], evaluate_run)
 
 
 def evaluate_run(run: Path, out: Path, overrides: list[str]) -> dict[str, Any]:
@@ -190,8 +174,8 @@ def evaluate_run(run: Path, out: Path, overrides: list[str]) -> dict[str, Any]:
 
     GlobalHydra.instance().clear()
     with initialize_config_dir(str(CONF_DIR), version_base="1.3"):
-        quoted = [f"checkpoint='{run}'", f"out='{out}'"]
-        cfg = compose("eval", overrides=[*overrides, *quoted])
+        cfg = compose("eval", overrides=overrides)
+    cfg.checkpoint, cfg.out = str(run), str(out)
     return evaluate(cfg, out)
 
 

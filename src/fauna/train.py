@@ -11,7 +11,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from fauna._conf import CONF_DIR
-from fauna.cli import run_cli
+from fauna.cli import hydra_job, run_cli
 from fauna.errors import FaunaError, Interrupted
 
 if TYPE_CHECKING:
@@ -24,16 +24,17 @@ if TYPE_CHECKING:
 
 def main() -> None:
     """Entry point of the command line; bad input ends with one line on stderr and exit code 2."""
-    run_cli(_hydra_main)
+    run_cli(_hydra_main, "fauna-train")
 
 
 @hydra.main(config_path=str(CONF_DIR), config_name="train", version_base="1.3")
 def _hydra_main(cfg: DictConfig) -> None:
-    from fauna.encoder.fallback import with_available_encoder
+    with hydra_job("fauna-train"):
+        from fauna.encoder.fallback import with_available_encoder
 
-    train(
-        with_available_encoder(cfg, list(HydraConfig.get().overrides.task)), Path(HydraConfig.get().runtime.output_dir)
-    )
+        hydra_config = HydraConfig.get()
+        available = with_available_encoder(cfg, list(hydra_config.overrides.task))
+        train(available, Path(hydra_config.runtime.output_dir))
 
 
 def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from fauna._conf import CONF_DIR
 from fauna.build import build_encoder, build_model
 from fauna.errors import FaunaError
 from fauna.eval import evaluate
+from fauna.evaluation.arguments import check
 from fauna.evaluation.baselines import available
 from fauna.evaluation.baselines.box_copy import mask_box
 from fauna.evaluation.baselines.feature_matching import describe
@@ -231,12 +232,53 @@ def test_probes_are_marked(run, tmp_path):
         (["checkpoint=a", "pairs=0"], "pairs: expected"),
         (["checkpoint=a", "pairs=many"], "pairs: expected a whole number"),
         (["predictions=/nowhere/at/all"], "finished predictions folder"),
+        (["predictions=123"], "finished predictions folder"),
+        (["checkpoint=7"], "got 7, which does not exist"),
+        (["checkpoint=[7]"], "checkpoint: expected text or a whole number or null"),
+        (["checkpoint=a", "seed=abc"], "seed: expected a whole number, got 'abc'"),
+        (["checkpoint=a", "seed=1.5"], "seed: expected a whole number, got 1.5"),
+        (["checkpoint=a", "seed=-1"], "seed: expected a number from 0"),
+        (["checkpoint=a", "probe_lr=fast"], "probe_lr: expected a number, got 'fast'"),
+        (["checkpoint=a", "baselines=null"], r"baselines: expected a list of names, got null; e.g. baselines=\[\]"),
+        (["checkpoint=a", "settings=null"], "settings: expected a list of names, got null"),
+        (["checkpoint=a", "probes=null"], "probes: expected a list of names, got null"),
+        (["checkpoint=a", "probes=[[camera]]"], "probes: expected a list of names"),
+        (["checkpoint=a", "settings=[tilted]"], "settings: expected names among .*similarity, got 'tilted'"),
+        (["checkpoint=a", "baselines=box_cpy"], "got 'box_cpy'"),
+        (["checkpoint=a", "out="], "out: expected a folder"),
     ],
 )
 def test_what_cannot_work_is_said_in_one_line(overrides, words, tmp_path):
     with pytest.raises(FaunaError, match=words) as caught:
         evaluate(configured(*overrides), tmp_path)
     assert "\n" not in str(caught.value)
+
+
+def test_a_single_name_stands_for_a_list_of_one():
+    cfg = configured("checkpoint=a", "baselines=box_copy", "probes=camera", "settings=similarity")
+    check(cfg)
+    assert (cfg.baselines, cfg.probes, cfg.settings) == (["box_copy"], ["camera"], ["similarity"])
+
+
+def test_wrong_values_of_the_dataset_are_refused_before_it_is_read(run, tmp_path):
+    for override, words in (
+        ("data.root=7", "data.root: expected text"),
+        ("data.held_out=7", "data.held_out: expected"),
+    ):
+        with pytest.raises(FaunaError, match=words):
+            evaluate(configured(f"checkpoint='{run}'", *FAST, "data=fauna", override), tmp_path)
+
+
+def test_stored_transfers_of_other_photographs_are_made_again(run, tmp_path):
+    """The same ``out`` with more photographs, and after damage."""
+    options = (f"checkpoint='{run}'", *FAST, "baselines=[box_copy]", "data=fauna", f"data.root='{dataset()}'")
+    evaluate(configured(*options, "max_photos=2"), tmp_path)
+    report = evaluate(configured(*options), tmp_path)
+    assert report["metrics"]["iou"]["n"] == 10
+    assert not [row for row in report["left_out"] if row["of"] == "box_copy" and "stored" in row["reason"]]
+    (tmp_path / "predictions" / "box_copy.npz").write_bytes(b"PK\x03\x04 damaged")
+    again = evaluate(configured(*options), tmp_path)
+    assert comparable(again) == comparable(report)
 
 
 def test_another_checkpoint_is_not_mixed_in(run, evaluated, tmp_path):

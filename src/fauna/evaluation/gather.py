@@ -108,12 +108,12 @@ class Gatherer:
             if photo.name not in items:
                 continue
             item = items[photo.name]
-            if item.notes["key"] != self.keys[photo.name]:
+            if item.notes.get("key") != self.keys[photo.name]:
                 raise FaunaError(
                     f"out: expected the photographs {self.folder} was made with, got another picture or annotation of "
                     f"{photo.name}; choose another out"
                 )
-            if item.notes["unnamed_keypoints"]:
+            if item.notes.get("unnamed_keypoints"):
                 self._leave_out(photo, "dataset", UNNAMED, metric=KEYPOINT_METRICS)
             samples[photo.name] = unpack_sample(item, self.keypoint_names)
         return samples

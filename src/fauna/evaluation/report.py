@@ -1,4 +1,4 @@
-"""Writes ``report.json``, ``images.json``, ``report.md`` and ``report.html`` of a predictions folder."""
+"""Writes ``report.json``, ``images.json``, ``tallies.npz``, ``report.md`` and ``report.html`` of a predictions folder."""
 
 import time
 from dataclasses import asdict
@@ -12,6 +12,8 @@ from fauna.evaluation.report_html import html_report
 from fauna.evaluation.report_md import headline, markdown_report
 from fauna.evaluation.scoring import ScoreOptions, Scorer
 from fauna.evaluation.subjects import HELD_OUT
+from fauna.evaluation.tallies import FILE as TALLIES
+from fauna.evaluation.tallies import write_tallies
 from fauna.io.run_folder import write_json
 
 FORMAT = 1
@@ -34,7 +36,7 @@ def write_reports(predictions: Path, folder: Path, options: ScoreOptions, *, pic
     """
     scorer = Scorer(folder=predictions, options=options)
     tables = scorer.tables()
-    images = tables.pop("images")
+    images, tallies = tables.pop("images"), tables.pop("tallies")
     report = {
         "format": FORMAT,
         "metrics": tables.pop("metrics"),
@@ -45,6 +47,7 @@ def write_reports(predictions: Path, folder: Path, options: ScoreOptions, *, pic
     report["protocol"] = build_protocol(scorer.facts, asdict(options), keys)
     report["published"] = {"from": HERE, "rows": published_rows(report), "differences": list(DIFFERENCES)}
     write_json(images, folder / "images.json")
+    write_tallies(folder / TALLIES, tallies)
     started = time.monotonic()
     page = html_report(report, images, scorer, pictures=pictures)
     write_atomically(folder / "report.html", page.encode())

@@ -7,34 +7,20 @@ from itertools import groupby
 from typing import Any
 
 from fauna.evaluation.cases import COLUMNS, DrawnCase, draw_cases
-from fauna.evaluation.draw import CELL
 from fauna.evaluation.protocol import training_warning
-from fauna.evaluation.reading import read_predictions
-from fauna.evaluation.report_md import Table, counted, spell, tables
+from fauna.evaluation.reading import MODEL, read_predictions
+from fauna.evaluation.report_cards import TITLES, cards, percent, verdict
+from fauna.evaluation.report_md import Table, tables
+from fauna.evaluation.report_style import STYLE
 from fauna.evaluation.scoring import Scorer
 from fauna.evaluation.subjects import HELD_OUT, SEEN
-from fauna.metrics.keys import lower_is_better
 
-STYLE = """
-:root { color-scheme: light; --ink: #1d2a24; --soft: #5d6b64; --line: #dfe5e1; --tint: #f4f7f5; --leaf: #2d7a53; }
-* { box-sizing: border-box; }
-body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink); margin: 0 auto; max-width: 1180px; padding: 32px 24px 80px; }
-h1 { font-size: 28px; margin: 0 0 4px; } h2 { font-size: 19px; margin: 44px 0 10px; } h3 { font-size: 15px; margin: 18px 0 6px; }
-p, li { max-width: 92ch; } .soft { color: var(--soft); } .warn { color: #a33; font-weight: 600; }
-.cards { display: flex; flex-wrap: wrap; gap: 12px; margin: 20px 0; }
-.card { border: 1px solid var(--line); border-radius: 8px; padding: 12px 16px; min-width: 168px; }
-.card b { display: block; font-size: 26px; font-variant-numeric: tabular-nums; color: var(--leaf); }
-.card span { display: block; font-size: 12px; color: var(--soft); }
-.wide { overflow-x: auto; } table { border-collapse: collapse; font-size: 13px; font-variant-numeric: tabular-nums; }
-th, td { text-align: left; padding: 4px 12px 4px 0; border-bottom: 1px solid var(--line); vertical-align: top; }
-th { color: var(--soft); font-weight: 600; background: var(--tint); } td:first-child, th:first-child { padding-left: 6px; }
-.case { margin: 0 0 10px; } .case img { display: block; border: 1px solid var(--line); max-width: 100%; }
-.case figcaption { font-size: 12px; color: var(--soft); } .heads { display: flex; font-size: 12px; color: var(--soft); }
-details > summary { cursor: pointer; color: var(--leaf); } pre { font-size: 12px; overflow-x: auto; background: var(--tint); padding: 12px; }
-nav a { margin-right: 14px; color: var(--leaf); } .key i { display: inline-block; width: 11px; height: 11px; margin: 0 4px 0 12px; }
-"""
+OPEN_SPECIES = 3
+"""Species whose pictures are shown at once; those of the others are folded."""
+EARLY, LAST = ("Baselines", "By species", "All metrics", "Probe", "Left out"), "Published"
 
 LEGEND = (
+    '<p class="soft">Of each species the best, the middle and the worst photograph: by outline or, without masks, by the same spots on another animal.</p>'
     '<p class="soft key">silhouettes:<i style="background:#96beA0"></i>agree<i style="background:#d64541"></i>animal missed'
     '<i style="background:#f6c444"></i>spill. Keypoints: ring annotated, dot transferred from the best other photograph of the '
     "species; green within 0.1 crop sides.</p>"
@@ -52,21 +38,26 @@ def html_report(
         scorer: holds samples and thumbnails.
         pictures: species with pictures, of each group.
     """
-    predictions = {prediction.name: prediction for prediction in read_predictions(scorer.folder, "model")}
-    body = [_top(report)]
+    predictions = {prediction.name: prediction for prediction in read_predictions(scorer.folder, MODEL)}
+    body = [_top(report), '<div id="pictures"></div>']
+    for group, title in ((SEEN, "Pictures"), (HELD_OUT, "Pictures of species never seen in training")):
+        if images.get(group):
+            drawn = draw_cases(images[group], scorer.samples, scorer.pictures, predictions, species=pictures)
+            body.append(_cases(title, drawn))
+    body.append('<div id="tables"></div>')
     shown = tables(report)
-    early = ("All metrics", "By species", "Baselines", "Probe", "Published")
-    body += [_table(table) for table in shown if table.title.startswith(early)]
-    body.append(_differences(report["published"]["differences"]))
-    for group, title in ((SEEN, "Cases"), (HELD_OUT, "Cases of held-out species")):
-        if group in images:
-            cases = draw_cases(images[group], scorer.samples, scorer.pictures, predictions, species=pictures)
-            body.append(_cases(title, cases))
+    for start in EARLY:
+        body += [_section(table.title, _table(table)) for table in shown if table.title.startswith(start)]
     body.append(_protocol(report))
-    body += [_table(table) for table in shown if not table.title.startswith(early)]
+    others = [table for table in shown if not table.title.startswith((*EARLY, LAST))]
+    body += [_folded(table.title, _table(table)) for table in others]
+    published = "".join(_table(table) for table in shown if table.title.startswith(LAST))
+    body.append(
+        _folded("Numbers of the paper beside ours", published + _differences(report["published"]["differences"]))
+    )
     run = html.escape(str(report["protocol"]["checkpoint"]["run"]))
     return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>fauna evaluation: {run}</title><style>{STYLE}</style></head><body>\n"
         + "\n".join(body)
         + "\n</body></html>\n"
@@ -76,32 +67,45 @@ def html_report(
 def _top(report: Mapping[str, Any]) -> str:
     protocol = report["protocol"]
     checkpoint, dataset = protocol["checkpoint"], protocol["dataset"]
-    total = sum(protocol["photos"].values())
-    cards = []
-    for key in counted(report["metrics"]):
-        row = report["metrics"][key]
-        if row["value"] is not None and not lower_is_better(key) and len(cards) < 6:
-            span = f"{spell(row['low'])} to {spell(row['high'])}, n = {row['n']}"
-            cards.append(f'<div class="card"><b>{spell(row["value"])}</b>{html.escape(key)}<span>{span}</span></div>')
+    step = "" if checkpoint["step"] is None else f"step {checkpoint['step']}, "
     warning = training_warning(dataset)
-    shown = f'<p class="warn">{html.escape(warning)}</p>' if warning else ""
+    shown = f'<p class="warn">{html.escape(warning[0].upper() + warning[1:])}.</p>' if warning else ""
     return (
-        f"<h1>{html.escape(str(checkpoint['run']))}</h1>"
-        f'<p class="soft">{html.escape(checkpoint["file"])}, step {checkpoint["step"]}, on {total} photographs of '
-        f"{html.escape(dataset['identity'])} ({html.escape(protocol['split'])}); every photograph counted once, species equally.</p>"
-        f'{shown}<nav><a href="#cases">cases</a><a href="#protocol">protocol</a></nav>'
-        f'<div class="cards">{"".join(cards)}</div>'
+        f"<h1>How good is {html.escape(str(checkpoint['run']))}?</h1>"
+        f"<p>A model that turns one photograph of an animal into a 3D one, tried on {_tried_on(report)}; "
+        "species count equally.</p>"
+        f'<p class="soft">{html.escape(checkpoint["file"])}, {step}'
+        f"{html.escape(dataset['identity'])}, split {html.escape(protocol['split'])}.</p>{shown}{verdict(report)}"
+        '<nav><a href="#pictures">pictures</a><a href="#tables">all numbers</a><a href="#protocol">protocol</a></nav>'
+        f'{cards(report)}<p class="soft">The range beside a number is its 95 % interval: how far it moves with the photographs it is '
+        "measured on. Average animal: the mean shape, seen from where the model sees the animal.</p>"
     )
+
+
+def _tried_on(report: Mapping[str, Any]) -> str:
+    photos = report["protocol"]["photos"]
+    counts = [f"{photos[SEEN]} photographs of {len(report['species'])} species"] if SEEN in photos else []
+    if HELD_OUT in photos:
+        what = "" if counts else " photographs"
+        counts.append(
+            f"{photos[HELD_OUT]}{what} of {len(report[HELD_OUT]['species'])} species it has never seen in training"
+        )
+    return " and on ".join(counts)
 
 
 def _table(table: Table) -> str:
     note = f'<p class="soft">{_bold(table.note)}</p>' if table.note else ""
     head = "".join(f"<th>{html.escape(cell)}</th>" for cell in table.header)
     rows = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in table.rows)
-    inside = f'{note}<div class="wide"><table><tr>{head}</tr>{rows}</table></div>'
-    if table.title.startswith("Keypoints of"):
-        return f"<details><summary>{html.escape(table.title)}</summary>{inside}</details>"
-    return f"<h2>{html.escape(table.title)}</h2>{inside}"
+    return f'{note}<div class="wide"><table><tr>{head}</tr>{rows}</table></div>'
+
+
+def _section(title: str, inside: str) -> str:
+    return f"<h2>{html.escape(title)}</h2>{inside}"
+
+
+def _folded(title: str, inside: str) -> str:
+    return f"<details><summary>{html.escape(title)}</summary>{inside}</details>"
 
 
 def _bold(text: str) -> str:
@@ -116,16 +120,22 @@ def _differences(differences: Sequence[str]) -> str:
 
 
 def _cases(title: str, cases: Sequence[DrawnCase]) -> str:
-    heads = "".join(f'<span style="width:{CELL}px">{name}</span>' for name in COLUMNS)
-    parts = [f'<h2 id="{"cases" if title == "Cases" else "held-out"}">{title}</h2>', LEGEND]
-    for species, rows in groupby(cases, key=lambda case: case.species):
-        parts.append(f'<h3>{html.escape(species)}</h3><div class="heads">{heads}</div>')
-        for case in rows:
-            source = f", keypoints from {case.source}" if case.source else ""
-            score = f", {case.key} {spell(case.score)}" if case.key else ""
-            caption = html.escape(f"{case.rank}: {case.name}{score}{source}")
-            picture = f'<img alt="{caption}" src="data:image/png;base64,{case.png}">'
-            parts.append(f'<figure class="case">{picture}<figcaption>{caption}</figcaption></figure>')
+    by_species = [_species_cases(name, list(rows)) for name, rows in groupby(cases, key=lambda case: case.species)]
+    parts = [f"<h2>{title}</h2>", LEGEND, *by_species[:OPEN_SPECIES]]
+    if by_species[OPEN_SPECIES:]:
+        parts.append(_folded(f"{len(by_species) - OPEN_SPECIES} more species", "\n".join(by_species[OPEN_SPECIES:])))
+    return "\n".join(parts)
+
+
+def _species_cases(species: str, cases: Sequence[DrawnCase]) -> str:
+    heads = "".join(f"<span>{name}</span>" for name in COLUMNS)
+    parts = [f'<h3>{html.escape(species)}</h3><div class="heads">{heads}</div>']
+    for case in cases:
+        score = "" if case.score is None else f", {TITLES[case.key].lower()} {percent(case.score)}"
+        source = f", keypoints from {case.source}" if case.source else ""
+        caption = html.escape(f"{case.rank}: {case.name}{score}{source}")
+        picture = f'<img alt="{caption}" src="data:image/png;base64,{case.png}">'
+        parts.append(f'<figure class="case">{picture}<figcaption>{caption}</figcaption></figure>')
     return "\n".join(parts)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from fauna.evaluation.protocol import training_warning
 from fauna.evaluation.subjects import HELD_OUT, SEEN
-from fauna.metrics.keys import DEFINITIONS, lower_is_better
+from fauna.metrics.keys import DEFINITIONS, better
 
 ORDER = tuple(DEFINITIONS)
 
@@ -54,6 +54,15 @@ def counted(metrics: Mapping[str, Any]) -> list[str]:
     return ordered(key for key, row in metrics.items() if row["n"])
 
 
+def metrics_of(scored: Mapping[str, Any], group: str) -> Mapping[str, Any]:
+    """Metrics of a group of photographs in a report, or in one of its baselines; empty where the group is missing.
+
+    >>> metrics_of({"metrics": {"iou": 1}}, "metrics"), metrics_of({"metrics": {"iou": 1}}, "held_out")
+    ({'iou': 1}, {})
+    """
+    return (scored if group == SEEN else scored.get(group, {})).get("metrics", {})
+
+
 def headline(report: Mapping[str, Any]) -> str:
     """Some lines for the terminal."""
     lines = []
@@ -87,7 +96,6 @@ def tables(report: Mapping[str, Any]) -> list[Table]:
     for name, probe in report["probes"].items():
         found.append(_probe(name, probe))
     found += [_keypoints(name, row["keypoints"]) for name, row in report["species"].items() if row["keypoints"]]
-    found.append(_published(report))
     found.append(_left_out(report["left_out"]))
     found.append(
         Table(
@@ -97,6 +105,7 @@ def tables(report: Mapping[str, Any]) -> list[Table]:
             [(key, text or "see the documentation") for key, text in report["protocol"]["definitions"].items()],
         )
     )
+    found.append(_published(report))
     return [table for table in found if table.rows]
 
 
@@ -110,7 +119,7 @@ def _facts(report: Mapping[str, Any]) -> list[str]:
     protocol = report["protocol"]
     checkpoint, dataset = protocol["checkpoint"], protocol["dataset"]
     lines = [
-        f"* checkpoint: {checkpoint['file']} of run {checkpoint['run']}, step {checkpoint['step']}, sha256 "
+        f"* checkpoint: {checkpoint['file']} of run {checkpoint['run']}, step {checkpoint['step'] or 'unknown'}, sha256 "
         f"{checkpoint['sha256'][:16]}, encoder {checkpoint['encoder']}",
         f"* dataset: {dataset['identity']}, split {protocol['split']}, "
         + ", ".join(f"{count} photographs under {name}" for name, count in protocol["photos"].items()),
@@ -128,9 +137,8 @@ def _metrics(title: str, metrics: Mapping[str, Any]) -> Table:
     rows = []
     for key in counted(metrics):
         row = metrics[key]
-        better = "lower" if lower_is_better(key) else "higher"
-        span = f"{spell(row['low'])} to {spell(row['high'])}"
-        rows.append((key, spell(row["value"]), span, str(row["n"]), str(row.get("pairs", "")), better))
+        span = "–" if row["low"] is None else f"{spell(row['low'])} to {spell(row['high'])}"
+        rows.append((key, spell(row["value"]), span, str(row["n"]), str(row.get("pairs", "")), better(key) or "–"))
     return Table(title, "", ("key", "value", "95 % interval", "images", "pairs", "better"), rows)
 
 
@@ -142,15 +150,11 @@ def _species(title: str, species: Mapping[str, Any]) -> Table:
 
 def _baselines(title: str, group: str, report: Mapping[str, Any]) -> Table:
     """The model and the baselines on one group of photographs, ``metrics`` or ``held_out``."""
-
-    def of(scored: Mapping[str, Any]) -> Mapping[str, Any]:
-        return (scored if group == SEEN else scored.get(group, {})).get("metrics", {})
-
-    baselines = report["baselines"]
-    keys = counted(of(report))
-    rows = [("the model", *(spell(of(report)[key]["value"]) for key in keys))]
+    baselines, own = report["baselines"], metrics_of(report, group)
+    keys = counted(own)
+    rows = [("the model", *(spell(own[key]["value"]) for key in keys))]
     for name, row in baselines.items():
-        rows.append((name, *(spell(of(row).get(key, {}).get("value")) for key in keys)))
+        rows.append((name, *(spell(metrics_of(row, group).get(key, {}).get("value")) for key in keys)))
     note = " ".join(f"**{name}**: {row['description']}" for name, row in baselines.items())
     return Table(f"Baselines, {title}", note, ("", *keys), rows if baselines and keys else [])
 

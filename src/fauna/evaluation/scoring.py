@@ -11,13 +11,14 @@ from fauna.errors import FaunaError
 from fauna.evaluation.baselines import get_baseline
 from fauna.evaluation.baselines.base import MeshBaseline
 from fauna.evaluation.prediction import Prediction
-from fauna.evaluation.reading import MODEL, read_facts, read_predictions, read_samples, read_terms
+from fauna.evaluation.reading import FACTS, MODEL, read_facts, read_predictions, read_samples, read_terms
 from fauna.evaluation.samples import KEYPOINT_METRICS
 from fauna.evaluation.subjects import HELD_OUT, SEEN
 from fauna.evaluation.summary import table
+from fauna.evaluation.tallies import name_owners
 from fauna.evaluation.transfers import lookup, read_transfers
 from fauna.metrics.sample import Sample
-from fauna.metrics.score import SHARED_BASE, model_flip, score, score_transfer
+from fauna.metrics.score import SHARED_BASE, model_flip, score, score_transfer, score_with_tallies
 
 NOT_FEED_FORWARD = "not feed-forward: fitted to the mask it is scored against"
 
@@ -45,6 +46,9 @@ class Scorer:
     Args:
         folder: finished predictions folder.
         options: see :class:`ScoreOptions`.
+
+    Raises:
+        FaunaError: when the folder is unfinished or damaged.
     """
 
     def __init__(self, *, folder: Path, options: ScoreOptions) -> None:
@@ -53,16 +57,28 @@ class Scorer:
         self.facts = read_facts(folder)
         everything, self.pictures = read_samples(folder, self.facts["keypoint_names"])
         names = [name for group in self.facts["groups"].values() for name in group]
+        absent = sorted(set(names) - set(everything))
+        if absent:
+            raise FaunaError(
+                f"predictions: expected a sample of every photograph that {FACTS} names, got none of {absent[0]} in {folder}; "
+                "delete the folder and evaluate anew"
+            )
         self.samples = {name: everything[name] for name in names}  # earlier runs may have stored others
         self.left_out: list[dict[str, str]] = list(self.facts["left_out"])
         self.seconds: dict[str, float] = {}
 
     def tables(self) -> dict[str, Any]:
-        """``metrics``, ``species``, ``held_out``, ``baselines``, ``probes``, ``validation``, ``images``, ``left_out``."""
+        """What the report holds, and for files of their own ``images`` and ``tallies``.
+
+        Returns:
+            ``metrics``, ``species``, ``held_out``, ``baselines``, ``probes``, ``validation``, ``left_out``, as in ``report.json``;
+            ``images``: by group and photograph; ``tallies``: by group, key and species.
+        """
         settings = self.facts["settings"]
         model = self._predictions(MODEL)
         result = self._groups(MODEL, model, self._shared_base())
         images = {group: self._with_species(scored.pop("images")) for group, scored in _parts(result)}
+        tallies = {group: name_owners(scored.pop("tallies"), images[group]) for group, scored in _parts(result)}
         baselines = {name: self._baseline(name) for name in settings["baselines"]}
         probes = {name: self._probe(name, model) for name in settings["probes"]}
         terms = defaultdict(list)
@@ -75,6 +91,7 @@ class Scorer:
             "probes": probes,
             "validation": table(terms),
             "images": images,
+            "tallies": tallies,
             "left_out": _counted(self.left_out + self._absent(), self.samples),
         }
 
@@ -98,14 +115,14 @@ class Scorer:
     ) -> dict[str, Any]:
         """Scores of the main group, with those of held-out species under ``held_out``."""
         by_name = {prediction.name: prediction for prediction in predictions}
-        result: dict[str, Any] = {"metrics": {}, "species": {}, "images": {}}
+        result: dict[str, Any] = {"metrics": {}, "species": {}, "images": {}, "tallies": {}}
         started = time.monotonic()
         everywhere = [name for names in self.facts["groups"].values() for name in names]
         flip = model_flip([by_name[n] for n in everywhere if n in by_name], [self.samples[n] for n in everywhere])
         for group, names in self.facts["groups"].items():
             found = [by_name[name] for name in names if name in by_name]
             samples = [self.samples[name] for name in names]
-            scored = score(
+            scored, tallies = score_with_tallies(
                 found,
                 samples,
                 seed=self.options.seed,
@@ -115,6 +132,7 @@ class Scorer:
                 flip=flip,
                 shared=None if shared is None else [each for each in shared if each.name in set(names)],
             )
+            scored["tallies"] = tallies
             self._place(result, of, group, scored)
         self.seconds[f"score {of}"] = round(time.monotonic() - started, 2)
         return result
@@ -138,6 +156,7 @@ class Scorer:
                 return {}
         for _, scored in _parts(result):
             scored.pop("images", None)
+            scored.pop("tallies", None)
         return {"description": baseline.description, **result}
 
     def _transferred(self, name: str) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import zipfile
+import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +21,8 @@ from fauna.errors import FaunaError
 FORMAT = 1
 SHARD_SIZE = 16
 """Items of a shard: what an interruption can cost."""
+UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error)
+"""What reading arrays from a missing or damaged file raises."""
 
 
 @dataclass(frozen=True)
@@ -100,12 +103,12 @@ class ArrayStore:
         for shard in self._shards:
             path = self.folder / shard["file"]
             try:
-                with np.load(path) as content:
+                with np.load(io.BytesIO(path.read_bytes())) as content:
                     arrays: dict[int, dict[str, np.ndarray]] = {}
                     for key in content.files:
                         place, _, name = key.partition("|")
                         arrays.setdefault(int(place), {})[name] = content[key]
-            except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            except UNREADABLE as error:
                 raise FaunaError(
                     f"{path} expects a readable shard, got {type(error).__name__}; delete {self.folder} and evaluate anew"
                 ) from error

@@ -6,9 +6,11 @@ from typing import Any
 
 import yaml
 
+from fauna.data.feature_cache import write_atomically
 from fauna.errors import FaunaError
-from fauna.evaluation.compare import Loaded, load, paired, split_arguments, whole
-from fauna.evaluation.report_md import counted, spell
+from fauna.evaluation.compare import Loaded, counted_by_any, load, paired, split_arguments, whole
+from fauna.evaluation.report_md import spell
+from fauna.io.checkpoint import checkpoints
 from fauna.io.run_folder import write_json
 
 USAGE = "fauna-eval table MULTIRUN_FOLDER [evaluation key=value ...]"
@@ -28,7 +30,7 @@ def table_command(arguments: Sequence[str], evaluate: Evaluate) -> None:
         evaluate: evaluates one run.
 
     Raises:
-        FaunaError: for wrong arguments, or a folder without runs.
+        FaunaError: for wrong arguments, or a folder none of whose runs can be evaluated.
     """
     if not arguments or arguments[0] in ("-h", "--help"):
         print(f"usage: {USAGE}\nRuns without {REPORT}/report.json are evaluated first.")
@@ -38,97 +40,125 @@ def table_command(arguments: Sequence[str], evaluate: Evaluate) -> None:
     overrides = [word for word in folders if "=" in word]
     if len(words) != 1:
         raise FaunaError(f"table: expected one folder, got {len(words)}; usage: {USAGE}")
-    sweep = Path(words[0])
+    sweep, seed = Path(words[0]).expanduser(), whole("seed", options["seed"])
     runs = find_runs(sweep)
-    for run in runs:
-        if not (run / REPORT / "report.json").is_file():
-            print(f"evaluating {run}")
-            evaluate(run, run / REPORT, [*overrides, f"seed={options['seed']}"])
-    result = build_table(runs, seed=whole("seed", options["seed"]))
+    missing = evaluate_missing(runs, [*overrides, f"seed={seed}"], evaluate)
+    if len(missing) == len(runs):
+        raise FaunaError(
+            f"table: expected a run of {sweep} that can be evaluated, got none; of {runs[0].name}: {missing[runs[0]]}"
+        )
+    result = build_table(runs, seed=seed, missing=missing)
     write_json(result, sweep / "table.json")
-    (sweep / "table.md").write_text(markdown(result), encoding="utf-8")
+    write_atomically(sweep / "table.md", markdown(result).encode())
     print(markdown(result))
     print(f"table: {sweep / 'table.md'}")
 
 
 def find_runs(sweep: Path) -> list[Path]:
-    """Folders of the runs of a sweep, in the order of the jobs.
+    """Folders of the runs of a sweep, with and without weights, in the order of the jobs.
 
     Raises:
-        FaunaError: when there is none that can be evaluated.
+        FaunaError: when there is none.
     """
     found = [path.parent.parent for path in sweep.glob("*/.hydra/overrides.yaml")]
-    usable = [run for run in found if (run / "weights.safetensors").is_file() or (run / "checkpoints").is_dir()]
-    if not usable:
+    if not found:
         raise FaunaError(
-            f"table: expected the folder of a sweep (fauna-train -m ...) whose runs hold weights, got {sweep} without any; "
+            f"table: expected the folder of a sweep (fauna-train -m ...) with a folder for each run, got {sweep} without any; "
             "check the path"
         )
-    return sorted(
-        usable, key=lambda run: (not run.name.isdigit(), int(run.name) if run.name.isdigit() else 0, run.name)
-    )
+    return sorted(found, key=lambda run: (not run.name.isdigit(), int(run.name) if run.name.isdigit() else 0, run.name))
 
 
-def build_table(runs: Sequence[Path], *, seed: int) -> dict[str, Any]:
-    """Overrides and metrics of each run, and its paired difference to the first.
-
-    Args:
-        runs: with a report each.
-        seed: of the bootstrap.
+def evaluate_missing(runs: Sequence[Path], overrides: list[str], evaluate: Evaluate) -> dict[Path, str]:
+    """Evaluate the runs without a report.
 
     Returns:
-        ``changed``: keys that differ between runs; ``runs``: ``name``, ``overrides``, ``metrics``, ``against_first``.
+        Why there is none, for each run that still has no report.
     """
-    overrides = [_overrides(run) for run in runs]
-    changed = [
-        key
-        for key in dict.fromkeys(key for each in overrides for key in each)
-        if len({e.get(key) for e in overrides}) > 1
-    ]
-    loaded = [load(run / REPORT) for run in runs]
+    missing = {}
+    for run in runs:
+        if (run / REPORT / "report.json").is_file():
+            continue
+        if not (run / "weights.safetensors").is_file() and not checkpoints(run / "checkpoints"):
+            missing[run] = "no weights: refused, failed or not begun; its log says more"
+            continue
+        print(f"evaluating {run}")
+        try:
+            evaluate(run, run / REPORT, overrides)
+        except FaunaError as error:
+            missing[run] = f"not evaluated: {error}"
+    return missing
+
+
+def build_table(runs: Sequence[Path], *, seed: int, missing: Mapping[Path, str]) -> dict[str, Any]:
+    """Overrides and metrics of each run, and its paired difference to the first that has a report.
+
+    Args:
+        runs: of a sweep; at least one with a report.
+        seed: of the bootstrap.
+        missing: why a run has no report, for each that has none.
+
+    Returns:
+        ``changed``: keys that differ between runs; ``first``: name of the run that the others are compared with; ``runs``: ``name``,
+        ``overrides``, ``metrics``, ``against_first``, and ``missing``: why the run has no numbers, else ``None``.
+    """
+    overrides = {run: _overrides(run) for run in runs}
+    known = dict.fromkeys(key for each in overrides.values() for key in each)
+    changed = [key for key in known if len({each.get(key) for each in overrides.values()}) > 1]
+    loaded = {run: load(run / REPORT, run.name) for run in runs if run not in missing}
+    first = next(iter(loaded.values()))
     rows = []
-    for run, given, report in zip(runs, overrides, loaded, strict=True):
-        metrics = report.report["metrics"]
+    for run in runs:
+        report = loaded.get(run)
         rows.append(
             {
                 "name": run.name,
-                "overrides": {key: given.get(key) for key in changed},
-                "metrics": metrics,
-                "against_first": _differences(loaded[0], report, metrics, seed) if report is not loaded[0] else None,
+                "overrides": {key: overrides[run].get(key) for key in changed},
+                "metrics": {} if report is None else report.report["metrics"],
+                "against_first": None if report is None or report is first else _differences(first, report, seed),
+                "missing": missing.get(run),
             }
         )
-    return {"changed": changed, "runs": rows}
+    return {"changed": changed, "first": first.name, "runs": rows}
 
 
 def markdown(result: Mapping[str, Any]) -> str:
     """One row a run; a star marks a difference to the first run whose 95 % interval excludes zero."""
-    changed = result["changed"]
-    keys = counted(result["runs"][0]["metrics"])
+    changed, first = result["changed"], result["first"]
+    keys = counted_by_any(row["metrics"] for row in result["runs"])
     lines = [_line(["run", *changed, *keys]), _line(["---"] * (1 + len(changed) + len(keys)))]
+    notes = []
     for row in result["runs"]:
-        cells = [row["name"], *(str(row["overrides"][key] or "") for key in changed)]
+        cells = [row["name"], *("" if row["overrides"][key] is None else row["overrides"][key] for key in changed)]
         for key in keys:
-            value = row["metrics"].get(key, {})
             difference = (row["against_first"] or {}).get(key)
             clear = difference and difference["low"] is not None and (difference["low"] > 0 or difference["high"] < 0)
-            cells.append(spell(value.get("value")) + ("*" if clear else ""))
+            cells.append(spell(row["metrics"].get(key, {}).get("value")) + ("*" if clear else ""))
         lines.append(_line(cells))
-    note = "A star: the paired 95 % interval of the difference to the first run excludes zero."
-    return "\n".join([*lines, "", note, ""])
+        notes += [f"* run {row['name']}: {row['missing']}"] if row["missing"] else []
+    notes += (
+        []
+        if len(lines) == 3
+        else [f"* A star: the paired 95 % interval of the difference to run {first} excludes zero."]
+    )
+    return "\n".join([*lines, "", *notes, ""])
 
 
-def _differences(first: Loaded, other: Loaded, metrics: Mapping[str, Any], seed: int) -> dict[str, Any]:
-    return {key: paired(first, other, "metrics", key, bootstrap=BOOTSTRAP, seed=seed) for key in metrics}
+def _differences(first: Loaded, other: Loaded, seed: int) -> dict[str, Any]:
+    keys = other.report["metrics"]
+    return {key: paired(first, other, "metrics", key, bootstrap=BOOTSTRAP, seed=seed) for key in keys}
 
 
 def _overrides(run: Path) -> dict[str, str]:
     try:
         words = yaml.safe_load((run / ".hydra" / "overrides.yaml").read_text(encoding="utf-8")) or []
     except (OSError, yaml.YAMLError) as error:
-        raise FaunaError(f"{run}/.hydra/overrides.yaml expects a list of overrides, got {error}; restore it") from error
+        raise FaunaError(
+            f"{run}/.hydra/overrides.yaml expects a list of overrides, got {type(error).__name__}; restore it"
+        ) from error
     pairs = [str(word).partition("=") for word in words]
     return {key: value for key, _, value in pairs if key != "out"}
 
 
 def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

@@ -73,7 +73,7 @@ def training_photos(config: DictConfig, species: Sequence[str], encoder: Encoder
             warnings.simplefilter("ignore", UserWarning)
             data.prepare(seed=config.seed, report=lambda line: None)
     except (FaunaError, HydraException, OmegaConfBaseException) as error:
-        reason = user_message(error) or f"{type(error).__name__} while its dataset was opened"
+        reason = user_message(error, "fauna-train") or f"{type(error).__name__} while its dataset was opened"
         return TrainingPhotos(tuple(species), None, (), reason)
     lists = [each.train + each.back_views for each in data.by_category.values()]
     return TrainingPhotos(tuple(species), data.source.identity, tuple(p for each in lists for p in each), None)

@@ -1,7 +1,6 @@
 """Keypoint transfers of a baseline, kept so that they can be scored again without encoder and model."""
 
 import io
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from jaxtyping import Float
 from fauna.data.feature_cache import write_atomically
 from fauna.errors import FaunaError
 from fauna.evaluation.baselines.base import Bench, Transfer
-from fauna.evaluation.store import names_digest
+from fauna.evaluation.store import UNREADABLE, names_digest
 from fauna.metrics.sample import Sample
 from fauna.metrics.score import score_transfer
 
@@ -28,7 +27,9 @@ def record_transfers(
     seed: int,
     pairs: int,
 ) -> None:
-    """Transfer the keypoints of all pairs that are scored, and write them down; a file that fits is left alone.
+    """Transfer the keypoints of all pairs that are scored, and write them down.
+
+    A file of the same photographs and pairs is left alone; any other, also a damaged one, is replaced.
 
     Args:
         path: npz file.
@@ -60,9 +61,9 @@ def record_transfers(
 def _fits(path: Path, *, seed: int, pairs: int, photos: str) -> bool:
     """Whether a file was recorded for the same pairs of the same photographs; a broken one does not fit."""
     try:
-        with np.load(path) as content:
+        with np.load(io.BytesIO(path.read_bytes())) as content:
             return (int(content["seed"]), int(content["pairs"]), str(content["photos"])) == (seed, pairs, photos)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except UNREADABLE:
         return False
 
 
@@ -70,14 +71,16 @@ def read_transfers(path: Path, *, seed: int, pairs: int) -> Positions:
     """What :func:`record_transfers` wrote.
 
     Raises:
-        FaunaError: when it is missing, or was made for other pairs.
+        FaunaError: when it is missing or damaged, or was made for other pairs.
     """
     try:
-        with np.load(path) as content:
+        with np.load(io.BytesIO(path.read_bytes())) as content:
             made = int(content["seed"]), int(content["pairs"])
             names, places, found = content["names"].tolist(), content["places"], content["positions"]
-    except (OSError, ValueError, KeyError) as error:
-        raise FaunaError(f"{path} expects stored transfers, got {type(error).__name__}; evaluate anew") from error
+    except UNREADABLE as error:
+        raise FaunaError(
+            f"{path} expects stored transfers, got {type(error).__name__}; evaluate the checkpoint again into the same out"
+        ) from error
     if made != (seed, pairs):
         raise FaunaError(
             f"{path.stem} was stored for seed={made[0]} pairs={made[1]}, got seed={seed} pairs={pairs}; "
@@ -90,7 +93,10 @@ def lookup(positions: Positions, samples: Sequence[Sample]) -> Callable[[int, in
     """The transfer function of stored positions, by index into ``samples``."""
 
     def transfer(source: int, target: int) -> Float[np.ndarray, "key 2"]:
-        return positions[samples[source].name, samples[target].name]
+        pair = samples[source].name, samples[target].name
+        if pair not in positions:
+            raise FaunaError(f"stored transfers expect the pair {pair[0]} -> {pair[1]}, got none; evaluate anew")
+        return positions[pair]
 
     return transfer
 

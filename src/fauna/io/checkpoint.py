@@ -107,7 +107,7 @@ def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
             "encoder": state["fauna"]["encoder"],
             "species": list(state["fauna"]["species"]),
         }
-    except (SafetensorError, KeyError, RuntimeError, EOFError, OSError, ValueError) as error:
+    except (SafetensorError, KeyError, TypeError, RuntimeError, EOFError, OSError, ValueError) as error:
         raise FaunaError(
             f"expected fauna weights (.safetensors) or a checkpoint (.ckpt), got {path} ({type(error).__name__}); "
             "the file is damaged or of another program"

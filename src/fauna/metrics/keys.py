@@ -29,6 +29,8 @@ DEFINITIONS = {
 }
 """Meaning of each key; suffixes name a further setting of the same metric."""
 
+NEITHER = ("global_flip",)
+"""Keys that state a fact about the model and are not to be maximised."""
 LOWER_IS_BETTER = ("chamfer", "pa_mpjpe", "azimuth_error", "elevation_error", "front_back", "left_right", "leg_chamfer")
 
 
@@ -39,6 +41,17 @@ def lower_is_better(key: str) -> bool:
     (True, False)
     """
     return key.startswith(LOWER_IS_BETTER)
+
+
+def better(key: str) -> str:
+    """Which values of a metric are the better ones; empty where neither are.
+
+    >>> better("iou"), better("chamfer"), better("global_flip")
+    ('higher', 'lower', '')
+    """
+    if key in NEITHER:
+        return ""
+    return "lower" if lower_is_better(key) else "higher"
 
 
 def definition(key: str) -> str | None:

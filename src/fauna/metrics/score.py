@@ -55,12 +55,30 @@ def score(
     Raises:
         FaunaError: predictions and samples that do not belong together, an unknown setting.
     """
+    return score_with_tallies(
+        predictions, samples, seed=seed, pairs=pairs, bootstrap=bootstrap, settings=settings, flip=flip, shared=shared
+    )[0]
+
+
+def score_with_tallies(
+    predictions: Sequence[Prediction],
+    samples: Sequence[Sample],
+    *,
+    seed: int,
+    pairs: int,
+    bootstrap: int,
+    settings: Sequence[str],
+    flip: bool | None,
+    shared: Sequence[Prediction] | None,
+) -> tuple[dict[str, Any], dict[str, dict[str, Tally]]]:
+    """The same, and by key and species the sums behind the numbers; their owners count the photos of a species as ``images`` does."""
     check_settings(settings)
     cases = match(predictions, samples, predictions if shared is None else shared)
     flip = model_flip(predictions, samples) if flip is None else flip
     options = Options(seed, pairs, frozenset(settings), bool(flip))
     outcomes = {species: [metric(of_species, options) for metric in METRICS] for species, of_species in cases.items()}
     names = {species: [case.sample.name for case in of_species] for species, of_species in cases.items()}
+    tallies = _tallies(outcomes)
     result = report(names, outcomes, seed=seed, bootstrap=bootstrap)
     count = result["metrics"]["azimuth_error_deg"]["n"] if cases else 0
     result["metrics"]["global_flip"] = {
@@ -69,7 +87,7 @@ def score(
         "high": None,
         "n": count,
     }
-    return result
+    return result, tallies
 
 
 def check_settings(settings: Sequence[str]) -> None:
@@ -128,11 +146,6 @@ def report(
 ) -> dict[str, Any]:
     """The dictionary of :func:`score` from the outcomes of each species."""
     weights = {species: resampling(names[species], replicates=bootstrap, seed=seed) for species in names}
-    tallies: dict[str, dict[str, Tally]] = {}
-    for species, of_species in outcomes.items():
-        for outcome in of_species:
-            for key, tally in outcome.tallies.items():
-                tallies.setdefault(key, {})[species] = tally
     result: dict[str, Any] = {
         "metrics": {},
         "species": {species: {"metrics": {}, "keypoints": {}} for species in names},
@@ -142,7 +155,7 @@ def report(
             key=lambda row: (row["metric"], row["name"]),
         ),
     }
-    for key, by_species in tallies.items():
+    for key, by_species in _tallies(outcomes).items():
         result["metrics"][key], rows = summarise(by_species, weights)
         for species, tally in by_species.items():
             result["species"][species]["metrics"][key] = rows[species]
@@ -152,3 +165,13 @@ def report(
                 for keypoint, row in column_values(tally).items():
                     result["species"][species]["keypoints"].setdefault(keypoint, {})[key] = row
     return result
+
+
+def _tallies(outcomes: Mapping[str, Sequence[Outcome]]) -> dict[str, dict[str, Tally]]:
+    """By key and species."""
+    found: dict[str, dict[str, Tally]] = {}
+    for species, of_species in outcomes.items():
+        for outcome in of_species:
+            for key, tally in outcome.tallies.items():
+                found.setdefault(key, {})[species] = tally
+    return found

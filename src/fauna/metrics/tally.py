@@ -95,7 +95,7 @@ def summarise(
         if np.isfinite(value):
             values.append(value)
             replicates.append(spread)
-    overall = _row(float(np.mean(values)) if values else np.nan, _mean_ignoring_nan(replicates), *tallies.values())
+    overall = _row(float(np.mean(values)) if values else np.nan, mean_ignoring_nan(replicates), *tallies.values())
     return overall, rows
 
 
@@ -124,7 +124,8 @@ def _column_mean(
     return np.where(used > 0, shares.sum(axis=1) / np.maximum(used, 1), np.nan)
 
 
-def _mean_ignoring_nan(rows: Sequence[Float[np.ndarray, " replicate"]]) -> Float[np.ndarray, " replicate"]:
+def mean_ignoring_nan(rows: Sequence[Float[np.ndarray, " replicate"]]) -> Float[np.ndarray, " replicate"]:
+    """Mean over species in each replicate, of those that have a value there; NaN where none has."""
     if not rows:
         return np.zeros(0)
     finite = np.isfinite(rows)
