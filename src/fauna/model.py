@@ -3,8 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -99,6 +101,40 @@ class FaunaModel(nn.Module):
         self.shade_fraction = shade_fraction
         self.stage = Stage()
         self.grid_resolution = shape.grid_resolution  # as configured: what a stage without one means
+
+    @classmethod
+    def from_pretrained(
+        cls, name_or_path: str | Path | None = None, *, device: str | torch.device = "cpu"
+    ) -> "FaunaModel":
+        """A trained model in evaluation mode: the one that ships with the package, or that of a path.
+
+        Args:
+            name_or_path: a weight file, a checkpoint or the folder of a run; without it the shipped model.
+            device: where it goes.
+
+        Raises:
+            FaunaError: when there is no such model, its file is damaged, or the device cannot be used.
+        """
+        from fauna.pretrained.load import load_model
+
+        return load_model(name_or_path, device=device)
+
+    @torch.no_grad()
+    def reconstruct(self, image: np.ndarray, mask: np.ndarray | None = None, *, size: int = 256) -> Reconstruction:
+        """Reconstruct one animal from a photograph in memory, as at test time.
+
+        Args:
+            image: (height, width, 3) 8-bit RGB.
+            mask: (height, width) true (or above 127) on the animal: says which square of the photograph to look at and
+                is not used otherwise. Without it the image itself is that square.
+            size: side of the square and of the rendered pictures, pixels.
+
+        Raises:
+            FaunaError: when image or mask are of another form, or the mask is empty.
+        """
+        from fauna.data.single import single_photo
+
+        return self(single_photo(self.encoder, image, mask, size=size).to(self.device))
 
     def forward(self, batch: Batch, draws: Draws | None = None) -> Reconstruction:
         """Reconstruct and render every photo of the batch with one shared base shape.
