@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import torch
-from omegaconf import OmegaConf
+from omegaconf import DictConfig
 
 from fauna.build import build_encoder, build_model
 from fauna.errors import FaunaError
@@ -28,7 +28,7 @@ def load_model(name_or_path: str | Path | None, *, device: str | torch.device) -
     """
     wanted = _device(device)
     path = locate(PRETRAINED if name_or_path is None else str(name_or_path))
-    cfg = OmegaConf.create(read_weights(path)[1]["config"])
+    cfg = DictConfig(read_weights(path)[1]["config"])
     backend = "numba_backend.NumbaRenderer" if wanted.type == "cpu" else "torch_backend.TorchRenderer"
     cfg.renderer = {"_target_": f"fauna.renderer.{backend}"}
     model = build_model(cfg, build_encoder(cfg))
