@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from fauna.cli import run_cli
+from fauna.commands import one_line_errors
 
 
 def main() -> None:
@@ -16,14 +16,12 @@ def main() -> None:
     parser.add_argument("--smooth", type=int, default=9, help="entries of the log in a running mean (default 9)")
     given = parser.parse_args()
 
-    def run() -> None:
+    with one_line_errors():
         from fauna.plots.curves import draw
         from fauna.plots.log import read_run
 
         draw([read_run(folder) for folder in given.runs], given.out, smooth=given.smooth)
         print(f"curves: {given.out}")
-
-    run_cli(run)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import torch
 import yaml
 
 import fauna
-from fauna.cli import run_cli
+from fauna.commands import one_line_errors
 from fauna.data.feature_cache import write_atomically
 from fauna.errors import FaunaError
 from fauna.evaluation.weights import facts, locate
@@ -37,7 +37,7 @@ def main() -> None:
     parser.add_argument("--limits", required=True, type=Path, help="text file: limits and known failures, Markdown")
     given = parser.parse_args()
 
-    def run() -> None:
+    with one_line_errors():
         publish(
             checkpoint=given.checkpoint,
             reports=given.report,
@@ -46,8 +46,6 @@ def main() -> None:
             machine=given.machine,
             limits=given.limits,
         )
-
-    run_cli(run)
 
 
 def publish(
