@@ -106,11 +106,7 @@ class FaunaModel(nn.Module):
     def from_pretrained(
         cls, name_or_path: str | Path | None = None, *, device: str | torch.device = "cpu"
     ) -> "FaunaModel":
-        """A trained model in evaluation mode: the one that ships with the package, or that of a path.
-
-        Args:
-            name_or_path: a weight file, a checkpoint or the folder of a run; without it the shipped model.
-            device: where it goes.
+        """A trained model in evaluation mode: the shipped one, or that of a weight file, a checkpoint or a run's folder.
 
         Raises:
             FaunaError: when there is no such model, its file is damaged, or the device cannot be used.
@@ -125,8 +121,8 @@ class FaunaModel(nn.Module):
 
         Args:
             image: (height, width, 3) 8-bit RGB.
-            mask: (height, width) true (or above 127) on the animal: says which square of the photograph to look at and
-                is not used otherwise. Without it the image itself is that square.
+            mask: (height, width) true (or above 127) on the animal; only says which square of the photograph to look at.
+                Without it the image itself is that square.
             size: side of the square and of the rendered pictures, pixels.
 
         Raises:
@@ -227,13 +223,25 @@ class FaunaModel(nn.Module):
         if wanted != self.shape.grid_resolution:
             self.shape.set_resolution(wanted)
 
+    @property
+    def turned(self) -> bool:
+        """Whether the model was learned with the head at -z; what it hands out has it at +z all the same."""
+        return self.rig.turned
+
+    def set_turned(self, turned: bool) -> None:
+        """Say which end of the z axis the head was learned at; see :mod:`fauna.geometry.half_turn`."""
+        for part in (self.viewpoint, self.shape, self.deformation, self.articulation, self.appearance):
+            part.turned = turned
+        self.rig = replace(self.rig, turned=turned)
+
     def get_extra_state(self) -> dict[str, Any]:
-        """The stage travels with the weights."""
-        return {"stage": self.stage.state()}
+        """The stage and the frame travel with the weights."""
+        return {"stage": self.stage.state(), "turned": self.turned}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
-        """Restore the stage a set of weights was trained in."""
+        """Restore the stage a set of weights was trained in, and its frame."""
         self.set_stage(Stage.from_state(state["stage"]))
+        self.set_turned(state.get("turned", False))
 
     def _select(self, hypotheses: Any, draws: Draws) -> Selection:
         return select(

@@ -27,11 +27,12 @@ def ship(folder: Path, monkeypatch) -> Path:
     return folder
 
 
-def publishable(folder: Path, **data: object) -> Path:
+def publishable(folder: Path, *, turned: bool = False, **data: object) -> Path:
     """The reference run's weights under the name of a run on the zoo, with places of a machine in its configuration."""
     cfg = composed(*tiny(), "data=zoo_tiny")
     model = build_model(cfg, build_encoder(cfg))
     load_weights(model, reference_run() / shipped.WEIGHTS)
+    model.set_turned(turned)
     config = OmegaConf.to_container(cfg, resolve=True)
     assert isinstance(config, dict)
     config["data"] |= {"split_file": "/home/somebody/splits.json", **data}
@@ -42,11 +43,14 @@ def publishable(folder: Path, **data: object) -> Path:
     return path
 
 
-def report_of(weights: Path, folder: Path) -> Path:
-    """A report of small boxes that says it is of this file."""
+def report_of(weights: Path, folder: Path, *, flip: float | None = 0.0) -> Path:
+    """A report of small boxes that says it is of this file, and whether its head is at -z (``None``: nobody knows)."""
     predictions = write_predictions(folder / "predictions", held_out=True)
     facts = json.loads((predictions / FACTS).read_text())
     facts["checkpoint"]["sha256"] = shipped.sha256(weights.read_bytes())
     (predictions / FACTS).write_text(json.dumps(facts))
     write_reports(predictions, folder, ScoreOptions(seed=0, pairs=20, bootstrap=5, settings=()), pictures=1)
+    report = json.loads((folder / "report.json").read_text())
+    report["metrics"]["global_flip"] = {"value": flip, "low": None, "high": None, "n": 0 if flip is None else 6}
+    (folder / "report.json").write_text(json.dumps(report))
     return folder

@@ -8,6 +8,7 @@ import torch
 from safetensors import safe_open
 from safetensors.torch import load_file
 
+from fauna import FaunaModel
 from fauna.errors import FaunaError
 from fauna.io.checkpoint import read_weights
 from fauna.models3d.catalogue import CATALOGUE
@@ -18,7 +19,7 @@ from fauna.pretrained.provenance import provenance
 from fauna.pretrained.publish import publish
 from fauna.pretrained.scrub import refuse_paths, without_machine
 from tests.pretrained.objects import publishable, report_of
-from tests.runs import reference_run
+from tests.runs import blob, reference_run
 
 FILES = {shipped.WEIGHTS, shipped.CONFIG, shipped.METRICS, shipped.CARD, shipped.INDEX}
 
@@ -68,8 +69,6 @@ def test_equal_inputs_give_equal_bytes(run, report, limits, published, tmp_path)
 
 
 def test_what_is_published_is_what_the_package_loads(published, monkeypatch):
-    from fauna import FaunaModel
-
     monkeypatch.setattr(shipped, "_folder", lambda: published)
     index = json.loads((published / shipped.INDEX).read_text())
     assert set(index["files"]) == FILES - {shipped.INDEX}
@@ -95,7 +94,7 @@ def test_a_checkpoint_loses_optimiser_and_discriminator(monkeypatch, limits, tmp
     monkeypatch.setattr(module, "provenance", lambda config: provenance_module.Provenance())
     checkpoint = reference_run() / "checkpoints" / "step-0000030.ckpt"
     content = json.loads((report / "report.json").read_text())
-    monkeypatch.setattr(module, "_read_report", lambda folder, digest: content)
+    monkeypatch.setattr(module, "read_report", lambda folder, digest: content)
     publish(checkpoint=str(checkpoint), reports=[report], out=tmp_path, hours=1.0, machine="m", limits=limits)
     stored = load_file(tmp_path / shipped.WEIGHTS)
     assert {value.dtype for value in stored.values() if value.is_floating_point()} == {torch.float32}
@@ -117,6 +116,38 @@ def test_a_report_of_other_weights_is_refused(report, limits, tmp_path):
         publish(checkpoint=str(other), reports=[report], out=tmp_path / "x", hours=1.0, machine="m", limits=limits)
     with pytest.raises(FaunaError, match="^report: expected a folder with the report.json"):
         publish(checkpoint=str(other), reports=[tmp_path], out=tmp_path / "x", hours=1.0, machine="m", limits=limits)
+
+
+# --- the head ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("already", [False, True])
+@pytest.mark.parametrize("flip", [0.0, 1.0])
+def test_the_head_is_at_plus_z(limits, tmp_path, already, flip):
+    """A model measured with its head at -z is turned, also one that had been turned before; one at +z stays."""
+    weights = publishable(tmp_path / "run", turned=already)
+    reports = [report_of(weights, tmp_path / "a", flip=flip), report_of(weights, tmp_path / "b", flip=None)]
+    out = tmp_path / "out"
+    publish(checkpoint=str(weights), reports=reports, out=out, hours=1.0, machine="m", limits=limits)
+    model, before = FaunaModel.from_pretrained(out), FaunaModel.from_pretrained(weights)
+    assert model.turned == (already != bool(flip))
+    assert ("turned by 180 degrees" in (out / shipped.CARD).read_text()) == model.turned
+    assert "global_flip" not in (out / shipped.METRICS).read_text()
+    image = blob("long", 0, size=32)[0]
+    photo, same = model.reconstruct(image, size=32), before.reconstruct(image, size=32)
+    torch.testing.assert_close(photo.renders.silhouette, same.renders.silhouette, rtol=0, atol=1e-5)
+    sign = torch.tensor([-1.0, 1.0, -1.0]) if flip else torch.ones(3)
+    torch.testing.assert_close(photo.posed.verts, same.posed.verts * sign, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("flips", "got"), [((None,), "none of a dataset with truth"), ((0.0, 1.0), "reports that disagree")]
+)
+def test_where_the_head_is_must_be_known(run, limits, tmp_path, flips, got):
+    reports = [report_of(run, tmp_path / str(place), flip=flip) for place, flip in enumerate(flips)]
+    with pytest.raises(FaunaError, match=f"^report: expected one that tells .*{got}"):
+        publish(checkpoint=str(run), reports=reports, out=tmp_path / "x", hours=1.0, machine="m", limits=limits)
+    assert not (tmp_path / "x").exists()
 
 
 @pytest.mark.parametrize("text", ["", " \n"])
@@ -204,7 +235,7 @@ def test_command(run, report, limits, tmp_path, monkeypatch, capsys):
     assert "SHA-256" in capsys.readouterr().out
     assert len(json.loads((tmp_path / "out" / shipped.METRICS).read_text())["reports"]) == 2
     with safe_open(tmp_path / "out" / shipped.WEIGHTS, framework="pt") as handle:
-        assert set(handle.metadata()) == {"config", "stage", "species", "fauna", "encoder"}
+        assert set(handle.metadata()) == {"config", "stage", "turned", "species", "fauna", "encoder"}
     monkeypatch.setattr(sys, "argv", [*arguments, "--machine", "the box at /srv/gpu"])
     with pytest.raises(SystemExit) as stopped:
         module.main()

@@ -9,7 +9,13 @@ from fauna.types import Camera, Features, Pose, Skeleton
 
 
 class Articulation(nn.Module, ABC):
-    """Predicts the bone rotations of each row (supplement, "Bone Rotation Prediction")."""
+    """Predicts the bone rotations of each row (supplement, "Bone Rotation Prediction").
+
+    Attributes:
+        turned: learned with the head at -z, see :mod:`fauna.geometry.half_turn`.
+    """
+
+    turned: bool = False
 
     @abstractmethod
     def forward(

@@ -69,6 +69,7 @@ def save_weights(model: FaunaModel, path: Path, *, config: str, species: list[st
     metadata = {
         "config": config,
         "stage": json.dumps(model.stage.state()),
+        "turned": json.dumps(model.turned),
         "species": json.dumps(species),
         "fauna": fauna.__version__,
         "encoder": model.encoder.fingerprint,
@@ -88,7 +89,7 @@ def safetensors_bytes(tensors: dict[str, torch.Tensor], metadata: dict[str, str]
 
 
 def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
-    """Tensors (float32) and metadata ``config`` (plain containers), ``stage``, ``encoder``, ``species`` of a weight file or checkpoint.
+    """Tensors (float32) and metadata ``config`` (plain containers), ``stage``, ``turned``, ``encoder``, ``species`` of a weight file or checkpoint.
 
     Raises:
         FaunaError: when the file is missing or is neither.
@@ -103,16 +104,18 @@ def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
             metadata = {
                 "config": OmegaConf.to_container(OmegaConf.create(raw["config"])),
                 "stage": Stage.from_state(json.loads(raw["stage"])),
+                "turned": json.loads(raw.get("turned", "false")),
                 "encoder": raw["encoder"],
                 "species": json.loads(raw["species"]),
             }
             return tensors, metadata
         state = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
         prefixed = {key.removeprefix("model."): v for key, v in state["state_dict"].items() if key.startswith("model.")}
-        stage = Stage.from_state(prefixed.pop("_extra_state")["stage"])
+        extra = prefixed.pop("_extra_state")
         metadata = {
             "config": OmegaConf.to_container(OmegaConf.create(state["fauna"]["config"])),
-            "stage": stage,
+            "stage": Stage.from_state(extra["stage"]),
+            "turned": extra.get("turned", False),
             "encoder": state["fauna"]["encoder"],
             "species": list(state["fauna"]["species"]),
         }
@@ -154,7 +157,8 @@ def load_weights(model: FaunaModel, path: Path, components: list[str] | None = N
                 f"expected {name} of shape {tuple(value.shape)}, got {tuple(tensors[name].shape)} in {path}; "
                 "compose the same experiment"
             )
-    model.load_state_dict({**tensors, "_extra_state": {"stage": metadata["stage"].state()}}, strict=components is None)
+    extra = {"stage": metadata["stage"].state(), "turned": metadata["turned"]}
+    model.load_state_dict({**tensors, "_extra_state": extra}, strict=components is None)
     return metadata
 
 
