@@ -102,10 +102,8 @@ class FaunaModel(nn.Module):
         self.stage = Stage()
         self.grid_resolution = shape.grid_resolution  # as configured: what a stage without one means
 
-    @classmethod
-    def from_pretrained(
-        cls, name_or_path: str | Path | None = None, *, device: str | torch.device = "cpu"
-    ) -> "FaunaModel":
+    @staticmethod
+    def from_pretrained(name_or_path: str | Path | None = None, *, device: str | torch.device = "cpu") -> "FaunaModel":
         """A trained model in evaluation mode: the shipped one, or that of a weight file, a checkpoint or a run's folder.
 
         Raises:
@@ -121,9 +119,8 @@ class FaunaModel(nn.Module):
 
         Args:
             image: (height, width, 3) 8-bit RGB.
-            mask: (height, width) true (or above 127) on the animal; only says which square of the photograph to look at.
-                Without it the image itself is that square.
-            size: side of the square and of the rendered pictures, pixels.
+            mask: (height, width) true (or above 127) on the animal: where to crop. Without it the image is the crop.
+            size: side of the crop and of the rendered pictures, pixels.
 
         Raises:
             FaunaError: when image or mask are of another form, or the mask is empty.
