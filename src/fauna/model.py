@@ -3,8 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -103,6 +105,33 @@ class FaunaModel(nn.Module):
         self.shade_fraction = shade_fraction
         self.stage = Stage()
         self.grid_resolution = shape.grid_resolution  # as configured: what a stage without one means
+
+    @staticmethod
+    def from_pretrained(name_or_path: str | Path | None = None, *, device: str | torch.device = "cpu") -> "FaunaModel":
+        """A trained model in evaluation mode: the shipped one, or that of a weight file, a checkpoint or a run's folder.
+
+        Raises:
+            FaunaError: when there is no such model, its file is damaged, or the device cannot be used.
+        """
+        from fauna.pretrained.load import load_model
+
+        return load_model(name_or_path, device=device)
+
+    @torch.no_grad()
+    def reconstruct(self, image: np.ndarray, mask: np.ndarray | None = None, *, size: int = 256) -> Reconstruction:
+        """Reconstruct one animal from a photograph in memory, as at test time.
+
+        Args:
+            image: (height, width, 3) 8-bit RGB.
+            mask: (height, width) true (or above 127) on the animal: where to crop. Without it the image is the crop.
+            size: side of the crop and of the rendered pictures, pixels.
+
+        Raises:
+            FaunaError: when image or mask are of another form, or the mask is empty.
+        """
+        from fauna.data.single import single_photo
+
+        return self(single_photo(self.encoder, image, mask, size=size).to(self.device))
 
     def forward(self, batch: Batch, draws: Draws | None = None) -> Reconstruction:
         """Reconstruct and render every photo of the batch with one shared base shape.
@@ -212,13 +241,25 @@ class FaunaModel(nn.Module):
         if wanted != self.shape.grid_resolution:
             self.shape.set_resolution(wanted)
 
+    @property
+    def turned(self) -> bool:
+        """Whether the model was learned with the head at -z; what it hands out has it at +z all the same."""
+        return self.rig.turned
+
+    def set_turned(self, turned: bool) -> None:
+        """Say which end of the z axis the head was learned at; see :mod:`fauna.geometry.half_turn`."""
+        for part in (self.viewpoint, self.shape, self.deformation, self.articulation, self.appearance):
+            part.turned = turned
+        self.rig = replace(self.rig, turned=turned)
+
     def get_extra_state(self) -> dict[str, Any]:
-        """The stage travels with the weights."""
-        return {"stage": self.stage.state()}
+        """The stage and the frame travel with the weights."""
+        return {"stage": self.stage.state(), "turned": self.turned}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
-        """Restore the stage a set of weights was trained in."""
+        """Restore the stage a set of weights was trained in, and its frame."""
         self.set_stage(Stage.from_state(state["stage"]))
+        self.set_turned(state.get("turned", False))
 
     def _select(self, hypotheses: Any, draws: Draws) -> Selection:
         return select(

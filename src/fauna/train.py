@@ -58,6 +58,7 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     from fauna.threads import describe_cpu
 
     validate(cfg)
+    weights = weights_to_start_from(cfg.init_from)
     resume = resume_path(cfg.resume, folder)
     claim_folder(folder, resume)
     config = OmegaConf.to_yaml(cfg, resolve=True)
@@ -79,7 +80,7 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
         report_changes(resume, config, data.photos_digest(), encoder.fingerprint)
     encoder.to(trainer.strategy.root_device)
     if resume is None:
-        _start(cfg, system, data)
+        _start(cfg, weights, system, data)
     baseline = _validate(trainer, system, data, schedule) if resume is None else None
     started = time.monotonic()
     try:
@@ -113,15 +114,35 @@ def _make(node: DictConfig, given: dict[str, Any]) -> Any:
     return instantiate(node, _convert_="all", _partial_=True)(**passed)
 
 
-def _start(cfg: DictConfig, system: "FaunaSystem", data: "PhotoDataModule") -> None:
+def weights_to_start_from(init_from: str | None) -> Path | None:
+    """The file that ``init_from`` names, found before photographs are read.
+
+    Raises:
+        FaunaError: when it does not exist, or no model ships with this version.
+    """
+    from fauna.pretrained.shipped import PRETRAINED, shipped_weights
+
+    if init_from is None:
+        return None
+    if init_from == PRETRAINED:
+        return shipped_weights()
+    path = Path(init_from).expanduser()
+    if not path.is_file():
+        raise FaunaError(
+            f"init_from: expected a weight file, a checkpoint or {PRETRAINED}, got {init_from}, which does not exist; "
+            "check the path"
+        )
+    return path
+
+
+def _start(cfg: DictConfig, weights: Path | None, system: "FaunaSystem", data: "PhotoDataModule") -> None:
     """Weights to start from, and the feature space: theirs, or fitted on the training photos."""
     from fauna.bank.category import CategoryBank
     from fauna.io.checkpoint import load_weights, read_weights
 
     model = system.model
-    if cfg.init_from is not None:
-        path = Path(cfg.init_from)
-        theirs = read_weights(path)[1]
+    if weights is not None:
+        theirs = read_weights(weights)[1]
         same_encoder = theirs["encoder"] == model.encoder.fingerprint
         if isinstance(model.bank, CategoryBank) and theirs["species"] != data.train_species:
             raise FaunaError(
@@ -130,9 +151,9 @@ def _start(cfg: DictConfig, system: "FaunaSystem", data: "PhotoDataModule") -> N
             )
         chosen = cfg.init_components
         if chosen is None or same_encoder:
-            load_weights(model, path, None if chosen is None else sorted({*chosen, "feature_space"}))
+            load_weights(model, weights, None if chosen is None else sorted({*chosen, "feature_space"}))
             return
-        load_weights(model, path, list(chosen))  # another encoder: its features need their own statistics
+        load_weights(model, weights, list(chosen))  # another encoder: its features need their own statistics
     model.feature_space.fit(data.feature_samples())
 
 

@@ -13,9 +13,11 @@ class Articulation(nn.Module, ABC):
 
     Attributes:
         compares_outline: whether :meth:`forward` reads ``residual``, which costs one more silhouette per row.
+        turned: learned with the head at -z, see :mod:`fauna.geometry.half_turn`.
     """
 
     compares_outline: bool = False
+    turned: bool = False
 
     @abstractmethod
     def forward(

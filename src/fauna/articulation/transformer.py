@@ -15,6 +15,7 @@ from fauna.articulation.constraints import angle_limits
 from fauna.errors import FaunaError
 from fauna.geometry.camera import project, transform_points
 from fauna.geometry.constants import constant
+from fauna.geometry.half_turn import other_end, turn_angles
 from fauna.geometry.rows import per_row, rows_per_item
 from fauna.geometry.skeleton import NUM_BONES
 from fauna.networks import HarmonicEmbedding
@@ -128,6 +129,8 @@ class ArticulationTransformer(Articulation):
         camera = Camera(camera.camera_from_world.detach(), camera.clip_from_world.detach())
         rows = camera.camera_from_world.shape[0]
         starts, ends = per_row(skeleton.starts, rows), per_row(skeleton.ends, rows)
+        if self.turned:
+            starts, ends = other_end(starts), other_end(ends)
         image = per_row(self.normalize_global(geometry), rows)
         local = self.normalize_local(self.project_local(self.sample_keys(features.keys, starts, ends, camera)))
         position = self.embedding(self.positions(starts, ends, camera))
@@ -140,7 +143,8 @@ class ArticulationTransformer(Articulation):
             tokens = tokens + self.bone_code
         output = self.out_layer(self.blocks(tokens))
         limits = _limits(leg_limits, *self.angles_deg)
-        return Pose(torch.tanh(self.output_gain * output) * constant(limits, output))
+        angles = torch.tanh(self.output_gain * output) * constant(limits, output)
+        return Pose(turn_angles(angles) if self.turned else angles)
 
     @torch.no_grad()
     def sample_keys(

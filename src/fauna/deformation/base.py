@@ -9,7 +9,13 @@ from fauna.types import BaseShape, InstanceShape
 
 
 class Deformation(nn.Module, ABC):
-    """Fits the base shape to a photo (Sec. 3.1, "Implementation Details")."""
+    """Fits the base shape to a photo (Sec. 3.1, "Implementation Details").
+
+    Attributes:
+        turned: learned with the head at -z, see :mod:`fauna.geometry.half_turn`.
+    """
+
+    turned: bool = False
 
     @abstractmethod
     def forward(self, base: BaseShape, geometry: Float[Tensor, "batch geometry_chan"]) -> InstanceShape:

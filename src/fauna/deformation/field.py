@@ -5,6 +5,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fauna.deformation.base import Deformation
+from fauna.geometry.half_turn import half_turn
 from fauna.networks import CoordMLP
 from fauna.precision import Precision
 from fauna.types import BaseShape, InstanceShape
@@ -52,10 +53,11 @@ class DeformationField(Deformation):
 
     def forward(self, base: BaseShape, geometry: Float[Tensor, "batch geometry_chan"]) -> InstanceShape:
         """Offset every vertex of the base for every photo."""
-        x, y, z = base.verts.unbind(-1)
+        x, y, z = half_turn(base.verts, self.turned).unbind(-1)
         points = torch.stack((x.abs(), y, z), dim=-1)
         offsets = self.field.grid(points, geometry) * self.offset_scale
         if self.mirror_x:
             side = x.detach().sign()
             offsets = offsets * torch.stack((side, torch.ones_like(side), torch.ones_like(side)), dim=-1)
+        offsets = half_turn(offsets, self.turned)
         return InstanceShape(base.verts + offsets, offsets)

@@ -53,12 +53,30 @@ def silhouettes(sample: Sample, prediction: Prediction) -> Picture:
 
 def side_view(prediction: Prediction) -> Picture:
     """The mesh from its side, head to the left if the model's +z is the head."""
+    return fixed_view(prediction, np.array(VIEWS["side"]).T)
+
+
+def fixed_view(prediction: Prediction, rotation: Float[np.ndarray, "3 3"]) -> Picture:
+    """The shaded mesh on white from a given direction.
+
+    Args:
+        prediction: of a photograph.
+        rotation: camera_from_world.
+    """
     camera = prediction.camera_from_world.astype(np.float64)
     clip_from_camera = prediction.clip_from_world.astype(np.float64) @ np.linalg.inv(camera)
     view = np.eye(4)
-    view[:3, :3] = np.array(VIEWS["side"]).T
+    view[:3, :3] = rotation
     view[:3, 3] = -view[:3, :3] @ prediction.verts.mean(axis=0) + (0.0, 0.0, STEP_BACK * camera[2, 3])
-    shade, covered = _shaded(prediction, view, clip_from_camera @ view)
+    return _on_white(*_shaded(prediction, view, clip_from_camera @ view))
+
+
+def as_seen(prediction: Prediction) -> Picture:
+    """The shaded mesh on white from the predicted camera."""
+    return _on_white(*_shaded(prediction, prediction.camera_from_world, prediction.clip_from_world))
+
+
+def _on_white(shade: Float[np.ndarray, "cell cell"], covered: Float[np.ndarray, "cell cell"]) -> Picture:
     picture = np.where(covered[..., None] > 0, 255 * shade[..., None], 255).repeat(3, axis=2)
     return (picture * covered[..., None] + 255 * (1 - covered[..., None])).round().astype(np.uint8)
 

@@ -9,12 +9,11 @@ import torch
 
 from fauna.errors import FaunaError
 from fauna.io.checkpoint import newest_checkpoint
-
-PRETRAINED = "pretrained"
+from fauna.pretrained.shipped import PRETRAINED, shipped_weights
 
 
 def locate(name: str) -> Path:
-    """The file behind a weight file, a checkpoint or the folder of a run.
+    """The file behind ``pretrained``, a weight file, a checkpoint or the folder of a run.
 
     A run's ``weights.safetensors`` is preferred; a run that has not ended yet has checkpoints only.
 
@@ -22,10 +21,7 @@ def locate(name: str) -> Path:
         FaunaError: when there is none.
     """
     if name == PRETRAINED:
-        raise FaunaError(
-            "checkpoint=pretrained: expected weights that come with the package, got a version without them; train with "
-            "fauna-train +experiment=quickstart and give checkpoint=runs/..."
-        )
+        return shipped_weights()
     path = Path(name).expanduser()
     if not path.is_dir():
         if not path.is_file():

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from fauna.geometry.half_turn import half_turn, turn_skeleton
 from fauna.geometry.skeleton import SkeletonOptions, rest_skeleton
 from fauna.geometry.skinning import bone_transforms, posed_bones, skin, skinning_weights
 from fauna.types import BaseShape, InstanceShape, Pose, PosedMesh, Skeleton
@@ -16,15 +17,20 @@ class Rig:
         skeleton: how joints are found on the rest mesh.
         skin_temperature: tau_s of the softmax over bones, world units (or their square).
         skin_distance: ``squared`` point-to-bone distance (paper) or ``euclidean`` (published code).
+        turned: the model was learned with the head at -z, see :mod:`fauna.geometry.half_turn`: bones are found in the frame
+            it learned with (the heuristic is not quite the same at both ends) and named as they lie.
     """
 
     skeleton: SkeletonOptions
     skin_temperature: float
     skin_distance: Literal["euclidean", "squared"]
+    turned: bool = False
 
     def rest(self, instance: InstanceShape, *, legs_attached: bool) -> Skeleton:
         """Rest bones of each instance, without gradient."""
-        return rest_skeleton(instance.verts.detach(), options=self.skeleton, legs_attached=legs_attached)
+        verts = half_turn(instance.verts.detach(), self.turned)
+        found = rest_skeleton(verts, options=self.skeleton, legs_attached=legs_attached)
+        return turn_skeleton(found) if self.turned else found
 
     def pose(self, base: BaseShape, instance: InstanceShape, skeleton: Skeleton, pose: Pose) -> PosedMesh:
         """Linear blend skinning of each row.

@@ -11,7 +11,7 @@ import torch
 from lightning import Trainer
 from omegaconf import OmegaConf
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 
 import fauna
 from fauna.errors import FaunaError
@@ -69,17 +69,27 @@ def save_weights(model: FaunaModel, path: Path, *, config: str, species: list[st
     metadata = {
         "config": config,
         "stage": json.dumps(model.stage.state()),
+        "turned": json.dumps(model.turned),
         "species": json.dumps(species),
         "fauna": fauna.__version__,
         "encoder": model.encoder.fingerprint,
     }
     partial = path.with_suffix(".partial")
-    save_file(tensors, partial, metadata=metadata)
+    partial.write_bytes(safetensors_bytes(tensors, metadata))
     os.replace(partial, path)
 
 
+def safetensors_bytes(tensors: dict[str, torch.Tensor], metadata: dict[str, str]) -> bytes:
+    """A safetensors file; equal content gives equal bytes, which the library's own order of texts does not."""
+    content = save(tensors, metadata=metadata)
+    length = int.from_bytes(content[:8], "little")
+    header = json.dumps(json.loads(content[8 : 8 + length]), sort_keys=True, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % 8)  # the tensors stay aligned
+    return len(header).to_bytes(8, "little") + header + content[8 + length :]
+
+
 def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
-    """Tensors (float32) and metadata ``config`` (plain containers), ``stage``, ``encoder``, ``species`` of a weight file or checkpoint.
+    """Tensors (float32) and metadata ``config`` (plain containers), ``stage``, ``turned``, ``encoder``, ``species`` of a weight file or checkpoint.
 
     Raises:
         FaunaError: when the file is missing or is neither.
@@ -94,16 +104,18 @@ def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
             metadata = {
                 "config": OmegaConf.to_container(OmegaConf.create(raw["config"])),
                 "stage": Stage.from_state(json.loads(raw["stage"])),
+                "turned": json.loads(raw.get("turned", "false")),
                 "encoder": raw["encoder"],
                 "species": json.loads(raw["species"]),
             }
             return tensors, metadata
         state = torch.load(path, map_location="cpu", weights_only=True, mmap=True)
         prefixed = {key.removeprefix("model."): v for key, v in state["state_dict"].items() if key.startswith("model.")}
-        stage = Stage.from_state(prefixed.pop("_extra_state")["stage"])
+        extra = prefixed.pop("_extra_state")
         metadata = {
             "config": OmegaConf.to_container(OmegaConf.create(state["fauna"]["config"])),
-            "stage": stage,
+            "stage": Stage.from_state(extra["stage"]),
+            "turned": extra.get("turned", False),
             "encoder": state["fauna"]["encoder"],
             "species": list(state["fauna"]["species"]),
         }
@@ -145,7 +157,8 @@ def load_weights(model: FaunaModel, path: Path, components: list[str] | None = N
                 f"expected {name} of shape {tuple(value.shape)}, got {tuple(tensors[name].shape)} in {path}; "
                 "compose the same experiment"
             )
-    model.load_state_dict({**tensors, "_extra_state": {"stage": metadata["stage"].state()}}, strict=components is None)
+    extra = {"stage": metadata["stage"].state(), "turned": metadata["turned"]}
+    model.load_state_dict({**tensors, "_extra_state": extra}, strict=components is None)
     return metadata
 
 

@@ -106,3 +106,10 @@ def lookup(model: Model) -> Entry:
         f"{model.name}.glb expects the joints of one of {len(RIGS)} known rigs, got none complete (the nearest lacks "
         f"{', '.join(missing[:3])}); add a rig to fauna.models3d.rigs or take the file out of the folder"
     )
+
+
+def maker(name: str) -> str:
+    """Who made a model of the catalogue, for attribution."""
+    if name == "fox-cat":
+        return "David Revoy"
+    return "Mesh2Motion" if CATALOGUE[name].rig in (MESH2MOTION_FOX, MESH2MOTION_HORSE) else "Quaternius"

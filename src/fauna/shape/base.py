@@ -6,6 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from fauna.geometry.half_turn import half_turn
 from fauna.geometry.sparse_extraction import ExtractionStats
 from fauna.types import BaseShape
 
@@ -15,9 +16,11 @@ class Shape(nn.Module, ABC):
 
     Attributes:
         grid_resolution: current resolution in the paper's units; change it with :meth:`set_resolution`.
+        turned: learned with the head at -z, see :mod:`fauna.geometry.half_turn`.
     """
 
     grid_resolution: int
+    turned: bool = False
 
     def forward(self, embedding: Float[Tensor, " value_chan"], generator: torch.Generator | None) -> BaseShape:
         """Rest mesh of a shape code.
@@ -26,13 +29,14 @@ class Shape(nn.Module, ABC):
             embedding: shape code.
             generator: source of the lattice jitter; ``None`` means no jitter.
         """
-        return self.extract(embedding, generator)[0]
+        base = self.extract(embedding, generator)[0]
+        return BaseShape(half_turn(base.verts), base.faces) if self.turned else base
 
     @abstractmethod
     def extract(
         self, embedding: Float[Tensor, " value_chan"], generator: torch.Generator | None
     ) -> tuple[BaseShape, ExtractionStats]:
-        """What :meth:`forward` returns and what it cost."""
+        """The rest mesh in the frame it was learned in, and what it cost."""
 
     @abstractmethod
     def eikonal(

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from fauna.errors import FaunaError
+from fauna.geometry.half_turn import half_turn
 from fauna.geometry.lattice import BCCLattice, cell_size_of
 from fauna.geometry.marching_tets import drop_small_components, face_components
 from fauna.geometry.sparse_extraction import RETRY_LIPSCHITZ, ExtractionStats, extract_sparse
@@ -101,7 +102,7 @@ class SDFMesh(Shape):
         uniform = self._signed_uniform(generator, self.eikonal_points) * box
         picks = torch.randint(len(base.verts), (self.eikonal_points,), generator=generator).to(box.device)
         spread = self._signed_uniform(generator, self.eikonal_points) * self.eikonal_spread
-        near = base.verts.detach()[picks] + spread
+        near = half_turn(base.verts.detach()[picks], self.turned) + spread
         gradient = self.sdf(embedding.detach()).gradient(torch.cat((uniform, near)))
         return (gradient.norm(dim=1) - 1).square().mean()
 

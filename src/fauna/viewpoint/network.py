@@ -29,7 +29,12 @@ class ViewpointNetwork(nn.Module):
         trunk: shape of the convolutional trunk.
         max_translation_xy: bound of the translation parallel to the image, world units.
         max_translation_z: bound of the translation along the optical axis, world units.
+
+    Attributes:
+        turned: learned with the head at -z, see :mod:`fauna.geometry.half_turn`; each hypothesis then looks the other way.
     """
+
+    turned: bool = False
 
     def __init__(
         self, *, key_dim: int, trunk: TrunkOptions, max_translation_xy: float, max_translation_z: float
@@ -51,10 +56,11 @@ class ViewpointNetwork(nn.Module):
             elevation: let the forward axis leave the camera's horizontal plane.
         """
         raw = self.trunk(features.keys)
+        sign = -1.0 if self.turned else 1.0
         scores, directions = raw[:, :-3].unflatten(1, (len(QUADRANTS), 4)).split((1, 3), dim=-1)
         predicted = scores[..., 0]
         return Hypotheses(
-            rotations=look_at_rotation(self._forward_axes(directions, elevation)),
+            rotations=look_at_rotation(sign * self._forward_axes(directions, elevation)),
             translation=raw[:, -3:].tanh() * self.bound,
             predicted_losses=predicted,
             probabilities=torch.softmax(-predicted / temperature, dim=1),

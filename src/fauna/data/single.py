@@ -1,0 +1,89 @@
+"""One photograph from memory as a batch, cropped by the rule every dataset of the project was cropped by."""
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image
+
+from fauna.data.crop_box import CropBox
+from fauna.data.crop_window import crop_window
+from fauna.data.photo_loader import PhotoLoader
+from fauna.data.photos import Photo, PhotoSource, RawPhoto
+from fauna.encoder.base import Encoder
+from fauna.errors import FaunaError
+from fauna.types import Batch
+
+
+@dataclass(frozen=True, eq=False)
+class ArraySource(PhotoSource):
+    """A crop in memory.
+
+    Attributes:
+        raw: the crop.
+    """
+
+    raw: RawPhoto
+
+    def read(self) -> RawPhoto:
+        """The crop."""
+        return self.raw
+
+    def content_key(self) -> str:
+        """Digest of the pixels."""
+        return hashlib.blake2b(self.raw.image.tobytes(), digest_size=16).hexdigest()
+
+
+def single_photo(encoder: Encoder, image: np.ndarray, mask: np.ndarray | None, *, size: int) -> Batch:
+    """A batch of one photograph.
+
+    Args:
+        encoder: that the batch is made for.
+        image: (height, width, 3) 8-bit RGB.
+        mask: (height, width) of truth values or 8-bit (above 127 is animal), from which the crop is cut; ``None`` takes
+            the image as a square crop.
+        size: side of the crop, pixels.
+
+    Raises:
+        FaunaError: for arrays of another form, an empty mask, or an image that is no square and has no mask.
+    """
+    _check(image, mask)
+    if mask is None:
+        whole = np.ones(image.shape[:2], bool)
+        raw = RawPhoto(image, whole, None, None)
+    else:
+        raw = _crop(image, mask if mask.dtype == bool else mask > 127, size)
+    photo = Photo("photo", "unknown", "photo", ArraySource(raw))
+    loader = PhotoLoader(encoder=encoder, image_size=size, valid_margin=0.0, cache_features=False, memory_megabytes=0)
+    return loader.batch([photo], [False], None)
+
+
+def _crop(image: np.ndarray, mask: np.ndarray, size: int) -> RawPhoto:
+    rows, columns = np.nonzero(mask)
+    if not len(rows):
+        raise FaunaError("mask: expected an animal, got an empty mask; mark the animal's pixels")
+    centroid = (float(columns.mean()) + 0.5, float(rows.mean()) + 0.5)
+    bounds = (float(columns.min()), float(rows.min()), columns.max() + 1.0, rows.max() + 1.0)
+    left, top, side = crop_window(float(len(rows)), centroid, bounds)
+    window = (left, top, left + side, top + side)
+    pixels = Image.fromarray(image).crop(window).resize((size, size), Image.Resampling.BILINEAR)
+    share = Image.fromarray(mask.astype(np.float32)).crop(window).resize((size, size), Image.Resampling.BOX)
+    height, width = mask.shape
+    return RawPhoto(np.array(pixels), np.array(share) >= 0.5, CropBox(left, top, side, side, width, height), None)
+
+
+def _check(image: np.ndarray, mask: np.ndarray | None) -> None:
+    if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+        raise FaunaError(
+            f"image: expected (height, width, 3) 8-bit RGB, got {image.dtype} of shape {image.shape}; convert it"
+        )
+    if mask is None:
+        if image.shape[0] != image.shape[1]:
+            raise FaunaError(
+                f"image: expected a square crop where there is no mask, got {image.shape[1]}x{image.shape[0]}; give a mask"
+            )
+    elif mask.shape != image.shape[:2] or mask.dtype not in (np.bool_, np.uint8):
+        raise FaunaError(
+            f"mask: expected truth values or 8 bits of shape {image.shape[:2]}, got {mask.dtype} of shape {mask.shape}; "
+            "make one value for each pixel"
+        )

@@ -1,0 +1,5 @@
+"""Pictures of what training and evaluation wrote.
+
+``python -m fauna.plots RUN [RUN ...] --out curves.png`` draws losses and metrics over the steps,
+``python -m fauna.plots.gallery REPORT --out FOLDER`` draws predictions.
+"""
