@@ -15,12 +15,26 @@ from fauna.model import FaunaModel
 from fauna.stages import Schedule
 from fauna.system import FaunaSystem, OptimizerOptions
 
+GROUPS = (
+    *("feature_space", "mask_embedding", "bank", "embedder", "viewpoint", "shape", "deformation", "rig"),
+    *("articulation", "appearance", "renderer"),
+)
+"""Groups of the model, in the order of the data flow."""
+
 
 def build_model(cfg: DictConfig, encoder: Encoder) -> FaunaModel:
     """The model of a configuration around an encoder that is already loaded.
 
     The order is the order of the data flow.
+
+    Raises:
+        FaunaError: when the configuration was saved by a version without one of the groups.
     """
+    if missing := [group for group in GROUPS if group not in cfg]:
+        raise FaunaError(
+            f"configuration: expected the groups of this version, got one without {missing[0]} (saved by an earlier one); "
+            "use weights of this version, or train again"
+        )
     return FaunaModel(
         encoder=encoder,
         feature_space=_make(cfg.feature_space),

@@ -118,12 +118,13 @@ class FaunaModel(nn.Module):
         return load_model(name_or_path, device=device)
 
     @torch.no_grad()
-    def reconstruct(self, image: np.ndarray, mask: np.ndarray | None = None, *, size: int = 256) -> Reconstruction:
+    def reconstruct(self, image: np.ndarray, mask: np.ndarray, *, crop: bool = True, size: int = 256) -> Reconstruction:
         """Reconstruct one animal from a photograph in memory, as at test time.
 
         Args:
             image: (height, width, 3) 8-bit RGB.
-            mask: (height, width) true (or above 127) on the animal: where to crop. Without it the image is the crop.
+            mask: (height, width) true (or above 127) on the animal.
+            crop: cut the crop around the mask; otherwise image and mask are a square crop already.
             size: side of the crop and of the rendered pictures, pixels.
 
         Raises:
@@ -131,7 +132,7 @@ class FaunaModel(nn.Module):
         """
         from fauna.data.single import single_photo
 
-        return self(single_photo(self.encoder, image, mask, size=size).to(self.device))
+        return self(single_photo(self.encoder, image, mask, crop=crop, size=size).to(self.device))
 
     def forward(self, batch: Batch, draws: Draws | None = None) -> Reconstruction:
         """Reconstruct and render every photo of the batch with one shared base shape.

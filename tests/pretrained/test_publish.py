@@ -133,8 +133,8 @@ def test_the_head_is_at_plus_z(limits, tmp_path, already, flip):
     assert model.turned == (already != bool(flip))
     assert ("turned by 180 degrees" in (out / shipped.CARD).read_text()) == model.turned
     assert "global_flip" not in (out / shipped.METRICS).read_text()
-    image = blob("long", 0, size=32)[0]
-    photo, same = model.reconstruct(image, size=32), before.reconstruct(image, size=32)
+    image, mask = blob("long", 0, size=32)
+    photo, same = (each.reconstruct(image, mask, crop=False, size=32) for each in (model, before))
     torch.testing.assert_close(photo.renders.silhouette, same.renders.silhouette, rtol=0, atol=1e-5)
     sign = torch.tensor([-1.0, 1.0, -1.0]) if flip else torch.ones(3)
     torch.testing.assert_close(photo.posed.verts, same.posed.verts * sign, rtol=0, atol=1e-5)

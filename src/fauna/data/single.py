@@ -34,25 +34,24 @@ class ArraySource(PhotoSource):
         return hashlib.blake2b(self.raw.image.tobytes(), digest_size=16).hexdigest()
 
 
-def single_photo(encoder: Encoder, image: np.ndarray, mask: np.ndarray | None, *, size: int) -> Batch:
+def single_photo(encoder: Encoder, image: np.ndarray, mask: np.ndarray, *, crop: bool, size: int) -> Batch:
     """A batch of one photograph.
 
     Args:
         encoder: that the batch is made for.
         image: (height, width, 3) 8-bit RGB.
-        mask: (height, width) of truth values or 8-bit (above 127 is animal), from which the crop is cut; ``None`` takes
-            the image as a square crop.
+        mask: (height, width) of truth values or 8-bit (above 127 is animal).
+        crop: cut the crop around the mask; otherwise image and mask are a square crop already.
         size: side of the crop, pixels.
 
     Raises:
-        FaunaError: for arrays of another form, an empty mask, or an image that is no square and has no mask.
+        FaunaError: for arrays of another form, an empty mask, or a crop that is no square.
     """
-    _check(image, mask)
-    if mask is None:
-        whole = np.ones(image.shape[:2], bool)
-        raw = RawPhoto(image, whole, None, None)
-    else:
-        raw = _crop(image, mask if mask.dtype == bool else mask > 127, size)
+    _check(image, mask, crop)
+    marked = mask if mask.dtype == bool else mask > 127
+    if not marked.any():
+        raise FaunaError("mask: expected an animal, got an empty mask; mark the animal's pixels")
+    raw = _crop(image, marked, size) if crop else RawPhoto(image, marked, None, None)
     photo = Photo("photo", "unknown", "photo", ArraySource(raw))
     loader = PhotoLoader(encoder=encoder, image_size=size, valid_margin=0.0, cache_features=False, memory_megabytes=0)
     return loader.batch([photo], [False], None)
@@ -60,8 +59,6 @@ def single_photo(encoder: Encoder, image: np.ndarray, mask: np.ndarray | None, *
 
 def _crop(image: np.ndarray, mask: np.ndarray, size: int) -> RawPhoto:
     rows, columns = np.nonzero(mask)
-    if not len(rows):
-        raise FaunaError("mask: expected an animal, got an empty mask; mark the animal's pixels")
     centroid = (float(columns.mean()) + 0.5, float(rows.mean()) + 0.5)
     bounds = (float(columns.min()), float(rows.min()), columns.max() + 1.0, rows.max() + 1.0)
     left, top, side = crop_window(float(len(rows)), centroid, bounds)
@@ -72,18 +69,17 @@ def _crop(image: np.ndarray, mask: np.ndarray, size: int) -> RawPhoto:
     return RawPhoto(np.array(pixels), np.array(share) >= 0.5, CropBox(left, top, side, side, width, height), None)
 
 
-def _check(image: np.ndarray, mask: np.ndarray | None) -> None:
+def _check(image: np.ndarray, mask: np.ndarray, crop: bool) -> None:
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         raise FaunaError(
             f"image: expected (height, width, 3) 8-bit RGB, got {image.dtype} of shape {image.shape}; convert it"
         )
-    if mask is None:
-        if image.shape[0] != image.shape[1]:
-            raise FaunaError(
-                f"image: expected a square crop where there is no mask, got {image.shape[1]}x{image.shape[0]}; give a mask"
-            )
-    elif mask.shape != image.shape[:2] or mask.dtype not in (np.bool_, np.uint8):
+    if mask.shape != image.shape[:2] or mask.dtype not in (np.bool_, np.uint8):
         raise FaunaError(
             f"mask: expected truth values or 8 bits of shape {image.shape[:2]}, got {mask.dtype} of shape {mask.shape}; "
             "make one value for each pixel"
+        )
+    if not crop and image.shape[0] != image.shape[1]:
+        raise FaunaError(
+            f"image: expected a square crop, got {image.shape[1]}x{image.shape[0]}; leave out crop=False to have it cropped"
         )

@@ -82,7 +82,7 @@ def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:
         "dataset_sha256": protocol["dataset"]["sha256"],
         "split": protocol["split"],
         "photos": protocol["photos"],
-        "includes_training_photos": bool(protocol["dataset"]["includes_training_photos"]),
+        "includes_training_photos": bool(protocol["dataset"]["training_photos"]["included"]),
         "size": protocol["size"],
         "seed": protocol["seed"],
         "pairs": protocol["pairs"],
