@@ -105,6 +105,8 @@ def load(net: Net) -> Subject:
         hidden_dim=net.width,
         num_layers=5,
         ellipsoid_radii=(1.05, 1.05, 2.1),
+        ellipsoid_lift=0.0,
+        legs=None,
         residual_scale=0.3,
         style_offset=1.0,
         demodulation_eps=1e-5,

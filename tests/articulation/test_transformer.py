@@ -76,6 +76,7 @@ def test_every_variant_predicts_angles_within_the_limits(bone_index, local_dim, 
     assert angles.abs().max() <= math.radians(60.0) + 1e-6
     assert angles.abs().max() > math.radians(50.0)
     assert angles[:, :8, 2].abs().max() <= math.radians(6.0) + 1e-6
+    assert (angles.abs() <= net.limits("paper") + 1e-6).all()
     assert (angles[:, [8, 9, 11, 12], 1:] == 0).all()
     assert (angles[:, [10, 13], 1:] != 0).all()
 
@@ -207,6 +208,7 @@ def test_bitwise_repeatable_in_deterministic_mode():
 
 
 def test_no_articulation_keeps_the_bones_at_rest():
+    assert torch.equal(NoArticulation().limits("early"), torch.zeros(20, 3))
     assert torch.equal(NoArticulation()(*inputs(), leg_limits="early").angles, torch.zeros(3, 20, 3))
 
 

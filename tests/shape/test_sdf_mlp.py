@@ -4,7 +4,14 @@ import torch
 from fauna.networks import modulated_weight
 from fauna.shape.sdf_mlp import SDFNetwork
 
-PAPER = {"style_offset": 0.0, "residual_scale": 1.0, "demodulation_eps": 1e-5, "ellipsoid_radii": (1.05, 1.05, 2.1)}
+PAPER = {
+    "style_offset": 0.0,
+    "residual_scale": 1.0,
+    "demodulation_eps": 1e-5,
+    "ellipsoid_radii": (1.05, 1.05, 2.1),
+    "ellipsoid_lift": 0.0,
+    "legs": None,
+}
 
 
 def network(hidden_dim=24, num_layers=5, embedding_dim=16, num_octaves=8, **options):

@@ -40,3 +40,11 @@ class Articulation(nn.Module, ABC):
             residual: mask minus silhouette of the mesh at rest, of each row; ``None`` unless :attr:`compares_outline`.
             leg_limits: a name of :data:`fauna.articulation.constraints.LEG_LIMITS`.
         """
+
+    @abstractmethod
+    def limits(self, leg_limits: str) -> Float[Tensor, "20 3"]:
+        """Largest absolute angle of every bone about every axis, radians.
+
+        Args:
+            leg_limits: a name of :data:`fauna.articulation.constraints.LEG_LIMITS`.
+        """

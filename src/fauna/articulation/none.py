@@ -1,9 +1,11 @@
 """No articulation."""
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from fauna.articulation.base import Articulation
+from fauna.geometry.skeleton import NUM_BONES
 from fauna.types import Camera, Features, Pose, Skeleton
 
 
@@ -22,3 +24,7 @@ class NoArticulation(Articulation):
     ) -> Pose:
         """All angles zero."""
         return Pose(geometry.new_zeros(camera.camera_from_world.shape[0], skeleton.starts.shape[1], 3))
+
+    def limits(self, leg_limits: str) -> Float[Tensor, "20 3"]:
+        """No bone may turn."""
+        return torch.zeros(NUM_BONES, 3)

@@ -146,6 +146,10 @@ class ArticulationTransformer(Articulation):
         angles = torch.tanh(self.output_gain * output) * constant(limits, output)
         return Pose(turn_angles(angles) if self.turned else angles)
 
+    def limits(self, leg_limits: str) -> Float[Tensor, "20 3"]:
+        """Largest absolute angles, radians."""
+        return torch.tensor(_limits(leg_limits, *self.angles_deg))
+
     @torch.no_grad()
     def sample_keys(
         self,

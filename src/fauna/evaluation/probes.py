@@ -23,9 +23,10 @@ from fauna.model import FaunaModel
 from fauna.renderer.deferred import render_silhouette
 from fauna.types import Batch, Camera, InstanceShape, Pose, PosedMesh, Reconstruction
 
+SMALLEST_LIMIT = 1e-6
+"""Radians; where an angle is fixed at zero."""
+
 Freedom = Literal["angles", "camera", "both"]
-LIMIT = math.radians(60.0)
-"""Largest bone angle a probe may reach about each axis, the training's outermost limit."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class ProbeOptions:
 
     Attributes:
         steps: of Adam.
-        lr: learning rate; angles in units of their limit, rotations in radians, translations in world units.
+        lr: learning rate; angles in units of their limits, rotations in radians, translations in world units.
     """
 
     steps: int
@@ -84,7 +85,7 @@ def fit(model: FaunaModel, photo: Batch, free: Freedom, options: ProbeOptions) -
     with torch.no_grad():
         start = model(photo)
     size = (photo.masks.shape[-2], photo.masks.shape[-1])
-    parameters = _parameters(start, free)
+    parameters = _parameters(model, start, free)
     best, lowest = start, math.inf
     optimizer = torch.optim.Adam(parameters.values(), lr=options.lr) if parameters else None
     for step in range(options.steps + 1):
@@ -102,14 +103,20 @@ def fit(model: FaunaModel, photo: Batch, free: Freedom, options: ProbeOptions) -
     return best
 
 
-def _parameters(start: Reconstruction, free: Freedom) -> dict[str, Tensor]:
+def _parameters(model: FaunaModel, start: Reconstruction, free: Freedom) -> dict[str, Tensor]:
     parameters: dict[str, Tensor] = {}
     if free in ("angles", "both") and start.pose is not None:
-        parameters["angles"] = torch.atanh((start.pose.angles / LIMIT).clamp(-0.99, 0.99))
+        share = start.pose.angles / _limits(model).clamp(min=SMALLEST_LIMIT)
+        parameters["angles"] = torch.atanh(share.clamp(-0.99, 0.99))
     if free in ("camera", "both"):
         parameters["turn"] = torch.zeros_like(start.camera.camera_from_world[:, :3, 3])
         parameters["shift"] = torch.zeros_like(parameters["turn"])
     return {name: value.clone().requires_grad_() for name, value in parameters.items()}
+
+
+def _limits(model: FaunaModel) -> Float[Tensor, "bone 3"]:
+    """What the model itself may predict: a probe is not freer than the network it stands in for."""
+    return model.articulation.limits(model.stage.leg_limits).to(model.device)
 
 
 def _apply(
@@ -119,7 +126,7 @@ def _apply(
     posed, camera, pose = start.posed, start.camera, start.pose
     if "angles" in parameters:
         assert start.skeleton is not None
-        pose = Pose(LIMIT * torch.tanh(parameters["angles"]))
+        pose = Pose(_limits(model) * torch.tanh(parameters["angles"]))
         posed = model.rig.pose(start.base, InstanceShape(start.instance.verts[:1]), start.skeleton, pose)
     if "turn" in parameters:
         old = start.camera.camera_from_world

@@ -1,4 +1,4 @@
-"""Signed distance of the base shape: ellipsoid prior plus a style-modulated MLP (paper: base shape and semantic bank)."""
+"""Signed distance of the base shape: a prior plus a style-modulated MLP (paper: base shape and semantic bank)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,20 +10,21 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from fauna.networks import MLP, HarmonicEmbedding, modulated_weight
+from fauna.shape.prior import Legs, Prior
 
 
 @dataclass(frozen=True)
 class SDFField:
     """A signed distance whose modulated weights are fixed: plain matrix products, mirror symmetric in x.
 
-    ``sdf(x) = r - |x * r / radii| + residual_scale * mlp(|x_0|, x_1, x_2)`` with ``r`` the smallest radius, > 0 inside.
+    ``sdf(x) = prior(x) + residual_scale * mlp(|x_0|, x_1, x_2)``, > 0 inside.
 
     Attributes:
         embedding: of the folded coordinates.
         in_weight: (hidden, embed) input layer.
         in_bias: (hidden,).
         weights: (hidden, hidden) matrices, the last one (1, hidden), without bias and ReLU in front of each.
-        radii: (3,) semi-axes of the prior, world units.
+        prior: what it is without the network.
         residual_scale: factor of the network.
     """
 
@@ -31,12 +32,12 @@ class SDFField:
     in_weight: Float[Tensor, "hidden embed"]
     in_bias: Float[Tensor, " hidden"]
     weights: tuple[Tensor, ...]
-    radii: Float[Tensor, "3"]
+    prior: Prior
     residual_scale: float
 
     def __call__(self, points: Float[Tensor, "point 3"]) -> Float[Tensor, " point"]:
         """Signed distance at world coordinates."""
-        return self._prior(points) + self.residual_scale * self.residual(points)
+        return self.prior(points) + self.residual_scale * self.residual(points)
 
     def coarse(self, points: Float[Tensor, "point 3"]) -> Float[Tensor, " point"]:
         """The same without gradient, the network in bfloat16: a third of the time at width 256."""
@@ -44,7 +45,7 @@ class SDFField:
         hidden = F.linear(self.embedding(_fold(points)).bfloat16(), in_weight, in_bias)
         for weight in weights:
             hidden = F.linear(hidden.relu_(), weight)
-        return self._prior(points) + self.residual_scale * hidden[:, 0].to(points.dtype)
+        return self.prior(points) + self.residual_scale * hidden[:, 0].to(points.dtype)
 
     @cached_property
     def _bfloat16(self) -> list[Tensor]:
@@ -70,7 +71,7 @@ class SDFField:
         chain = F.linear(chain * masks[0], self.in_weight.T)  # (point, embed)
         residual = self._embedding_transpose(points, chain)
         sign = torch.cat((points[:, :1].sign(), torch.ones_like(points[:, 1:])), dim=1)
-        return self._prior_gradient(points) + self.residual_scale * residual * sign
+        return self.prior.gradient(points) + self.residual_scale * residual * sign
 
     def _masks(self, points: Tensor) -> list[Tensor]:
         """(point, hidden) ReLU derivatives in front of each of ``weights``."""
@@ -89,23 +90,13 @@ class SDFField:
         sines, cosines = chain[:, 3:].unflatten(1, (2, *angles.shape[1:])).unbind(dim=1)
         return chain[:, :3] + ((angles.cos() * sines - angles.sin() * cosines) * frequencies).sum(dim=2)
 
-    def _prior(self, points: Tensor) -> Tensor:
-        smallest = self.radii.min()
-        return smallest - (points * (smallest / self.radii)).norm(dim=1)
-
-    def _prior_gradient(self, points: Tensor) -> Tensor:
-        axes = self.radii.min() / self.radii
-        scaled = points * axes
-        length = scaled.norm(dim=1, keepdim=True).clamp(min=torch.finfo(points.dtype).tiny)
-        return -axes * scaled / length
-
 
 class SDFNetwork(nn.Module):
     """Turns a shape code into a signed distance field.
 
     One style, an MLP of the code, scales the inputs of every linear layer, which are then demodulated. With the paper's
     ``demodulation_eps`` of 1e-5 and ``style_offset`` of 0 the small initial codes silence the network, so that training
-    starts from the ellipsoid.
+    starts from the prior.
 
     Args:
         embedding_dim: width of the shape code.
@@ -114,6 +105,8 @@ class SDFNetwork(nn.Module):
         hidden_dim: width of all layers.
         num_layers: modulated linear layers, at least 2.
         ellipsoid_radii: semi-axes of the prior along x, y, z, world units.
+        ellipsoid_lift: height of its centre, world units (paper: 0).
+        legs: what it stands on (paper: nothing).
         residual_scale: factor of the network's output (paper: 1).
         style_offset: added to the style (paper: 0).
         demodulation_eps: floor under the squared row norms (paper: 1e-5).
@@ -128,11 +121,15 @@ class SDFNetwork(nn.Module):
         hidden_dim: int,
         num_layers: int,
         ellipsoid_radii: Sequence[float],
+        ellipsoid_lift: float,
+        legs: Legs | None,
         residual_scale: float,
         style_offset: float,
         demodulation_eps: float,
     ) -> None:
         super().__init__()
+        self.lift = ellipsoid_lift
+        self.legs = legs
         self.residual_scale = residual_scale
         self.style_offset = style_offset
         self.demodulation_eps = demodulation_eps
@@ -152,7 +149,7 @@ class SDFNetwork(nn.Module):
             in_weight=self.in_layer.weight,
             in_bias=self.in_layer.bias,
             weights=tuple(weights),
-            radii=self.radii,
+            prior=Prior(self.radii, self.lift, self.legs),
             residual_scale=self.residual_scale,
         )
 
