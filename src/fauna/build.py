@@ -1,12 +1,13 @@
 """From a composed configuration to objects: one ``instantiate`` per config group, nothing else."""
 
 import inspect
+from collections.abc import Mapping
 from typing import Any
 
 from hydra.utils import get_object, instantiate
 from omegaconf import DictConfig, OmegaConf
 
-from fauna.configuration import FACTS
+from fauna.configuration import FACTS, check_targets
 from fauna.discriminator.adversary import Adversary
 from fauna.encoder.base import Encoder
 from fauna.errors import FaunaError
@@ -22,19 +23,30 @@ GROUPS = (
 """Groups of the model, in the order of the data flow."""
 
 
+def stored_config(config: Mapping[str, Any]) -> DictConfig:
+    """The configuration that weights were saved with, checked against the constructors of this version.
+
+    Raises:
+        FaunaError: when a group or an argument is missing, unknown or of another type.
+    """
+    cfg = DictConfig(config)
+    try:
+        if missing := [group for group in GROUPS if group not in cfg]:
+            raise FaunaError(f"{missing[0]}: expected this group, got none")
+        for group in GROUPS:
+            check_targets(cfg[group], group)
+    except FaunaError as error:
+        raise FaunaError(
+            f"checkpoint: expected weights of this version, got others ({error}); use the version that trained them, or train again"
+        ) from error
+    return cfg
+
+
 def build_model(cfg: DictConfig, encoder: Encoder) -> FaunaModel:
     """The model of a configuration around an encoder that is already loaded.
 
     The order is the order of the data flow.
-
-    Raises:
-        FaunaError: when the configuration was saved by a version without one of the groups.
     """
-    if missing := [group for group in GROUPS if group not in cfg]:
-        raise FaunaError(
-            f"configuration: expected the groups of this version, got one without {missing[0]} (saved by an earlier one); "
-            "use weights of this version, or train again"
-        )
     return FaunaModel(
         encoder=encoder,
         feature_space=_make(cfg.feature_space),

@@ -78,7 +78,7 @@ def predict_checkpoint(cfg: DictConfig, folder: Path) -> None:
     """
     from hydra.utils import instantiate
 
-    from fauna.build import build_encoder, build_model
+    from fauna.build import build_encoder, build_model, stored_config
     from fauna.configuration import check_targets
     from fauna.evaluation.gather import Gatherer
     from fauna.evaluation.protocol import photo_keys
@@ -91,7 +91,7 @@ def predict_checkpoint(cfg: DictConfig, folder: Path) -> None:
     set_threads(cfg.threads)
     path = locate(str(cfg.checkpoint))
     metadata = read_weights(path)[1]
-    stored = DictConfig(metadata["config"])
+    stored = stored_config(metadata["config"])
     encoder = build_encoder(stored)
     training = training_photos(stored, metadata["species"], encoder)
     given = "_target_" in cfg.data or cfg.data.get("root") is not None

@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 import torch
 from hydra import compose, initialize_config_dir
+from omegaconf import OmegaConf
+from safetensors import safe_open
+from safetensors.torch import load_file, save_file
 
 import fauna
 from fauna._conf import CONF_DIR
@@ -103,6 +106,23 @@ def test_what_does_not_exist_is_named(tmp_path):
         train(composed(*tiny("init_from=nowhere")), tmp_path / "run")
     with pytest.raises(FaunaError, match="^device: .*tpu9"):
         fauna.FaunaModel.from_pretrained(reference_run(), device="tpu9")
+
+
+@pytest.mark.parametrize(("drop", "named"), [(("shape", "sdf", "legs"), "shape.sdf.legs"), (("bank",), "bank")])
+def test_weights_of_another_version_are_named(tmp_path, drop, named):
+    source = reference_run() / "weights.safetensors"
+    with safe_open(source, framework="pt") as handle:
+        metadata = dict(handle.metadata())
+    node = config = OmegaConf.create(metadata["config"])
+    for key in drop[:-1]:
+        node = node[key]
+    del node[drop[-1]]
+    metadata["config"] = OmegaConf.to_yaml(config)
+    save_file(load_file(source), tmp_path / "old.safetensors", metadata)
+    with pytest.raises(
+        FaunaError, match=f"^checkpoint: expected weights of this version, got others .{named}: expected"
+    ):
+        fauna.FaunaModel.from_pretrained(tmp_path / "old.safetensors")
 
 
 def test_the_package_starts_without_torch():

@@ -3,9 +3,8 @@
 from pathlib import Path
 
 import torch
-from omegaconf import DictConfig
 
-from fauna.build import build_encoder, build_model
+from fauna.build import build_encoder, build_model, stored_config
 from fauna.errors import FaunaError
 from fauna.evaluation.weights import locate
 from fauna.io.checkpoint import load_weights, read_weights
@@ -28,7 +27,7 @@ def load_model(name_or_path: str | Path | None, *, device: str | torch.device) -
     """
     wanted = _device(device)
     path = locate(PRETRAINED if name_or_path is None else str(name_or_path))
-    cfg = DictConfig(read_weights(path)[1]["config"])
+    cfg = stored_config(read_weights(path)[1]["config"])
     backend = "numba_backend.NumbaRenderer" if wanted.type == "cpu" else "torch_backend.TorchRenderer"
     cfg.renderer = {"_target_": f"fauna.renderer.{backend}"}
     model = build_model(cfg, build_encoder(cfg))
