@@ -111,7 +111,8 @@ class Scene:
         with torch.no_grad():
             embedding = self.model.embedder(features)
         assert self.out.skeleton is not None
-        arguments = (features, embedding.geometry, self.out.skeleton, self.out.camera)
+        residual = self.batch.masks[self.out.selection.photo] - self.out.renders.silhouette.detach()
+        arguments = (features, embedding.geometry, self.out.skeleton, self.out.camera, residual)
         self.model.articulation(*arguments, leg_limits="early").angles.square().sum().backward()
         self.model.articulation.zero_grad()
 

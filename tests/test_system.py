@@ -75,6 +75,7 @@ def test_prior_is_bank_shape_and_feature_field(system, cfg):
         names[id(p)].startswith("appearance.feature_field") for p in prior if names[id(p)].startswith("appearance")
     )
     assert {names[id(p)].split(".")[0] for p in rest} == {
+        "mask_embedding",
         "embedder",
         "viewpoint",
         "deformation",

@@ -221,7 +221,6 @@ def test_probes_are_marked(run, tmp_path):
     [
         ([], "either checkpoint=PATH or predictions=DIR, got neither"),
         (["checkpoint=a", "predictions=b"], "got both"),
-        (["checkpoint=pretrained"], "fauna-train"),
         (["checkpoint=/nowhere/at/all"], "does not exist"),
         (["checkpoint=/"], "run folder"),
         (["checkpoint=a", "data.split=vla"], "data.split: expected one of all, train"),

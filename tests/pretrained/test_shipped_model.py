@@ -33,12 +33,11 @@ def test_none_of_the_animals_was_trained_on(report):
     assert report["metrics"]["iou"]["n"] == len(SPECIES) * PHOTOS
 
 
-def test_silhouettes_directions_and_transfer(report):
+def test_silhouettes_and_transfer(report):
     found = {name: row["value"] for name, row in report["metrics"].items()}
     assert found["iou"] > 0.78
     assert found["novel_view_iou"] > 0.50
     assert found["kt_pck@0.1"] > 0.60
-    assert found["azimuth_within_30"] > 0.75
     assert found["global_flip"] == 0  # the head is at +z
 
 
