@@ -3,6 +3,7 @@
 import pytest
 
 from fauna._conf import CONF_DIR
+from fauna.configuration import MODEL_GROUPS
 from tests.runs import run, tiny
 
 MAPS_OF_32 = ("encoder.input_size=64", "encoder.stride=2", "encoder.grid_size=32")
@@ -29,23 +30,7 @@ SMALL = {
     ),
     "encoder=efficientnet_lite0": ("encoder.input_size=256", "encoder.grid_size=8"),
 }
-GROUPS = (
-    "encoder",
-    "feature_space",
-    "mask_embedding",
-    "bank",
-    "embedder",
-    "viewpoint",
-    "shape",
-    "deformation",
-    "rig",
-    "articulation",
-    "appearance",
-    "renderer",
-    "discriminator",
-    "losses",
-    "optimizer",
-)
+GROUPS = ("encoder", *MODEL_GROUPS, "discriminator", "losses", "optimizer")
 NEEDS_MORE_THAN_A_CPU = {"renderer=nvdiffrast", "encoder=dino_vits8", "encoder=dinov2_vits14"}
 OPTIONS = [f"{group}={path.stem}" for group in GROUPS for path in sorted((CONF_DIR / group).glob("*.yaml"))]
 EVERYTHING_ON = (

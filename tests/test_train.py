@@ -160,7 +160,7 @@ def test_killed_run_resumes_to_the_same_bits(reference, tmp_path):
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_signals_end_with_a_message_and_the_usual_code(tmp_path, sent, code):
     process = subprocess.Popen(
-        [sys.executable, "-m", "fauna.train", *tiny("trainer.max_steps=3000"), f"out={tmp_path}"],
+        [sys.executable, "-m", "fauna.train", *tiny("trainer.max_steps=3000", *EVERY_STEP), f"out={tmp_path}"],
         env=command_environment(),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,

@@ -7,7 +7,7 @@ from typing import Any
 from hydra.utils import get_object, instantiate
 from omegaconf import DictConfig, OmegaConf
 
-from fauna.configuration import FACTS, check_targets
+from fauna.configuration import FACTS, MODEL_GROUPS, check_targets
 from fauna.discriminator.adversary import Adversary
 from fauna.encoder.base import Encoder
 from fauna.errors import FaunaError
@@ -15,12 +15,6 @@ from fauna.losses.objective import Objective
 from fauna.model import FaunaModel
 from fauna.stages import Schedule
 from fauna.system import FaunaSystem, OptimizerOptions
-
-GROUPS = (
-    *("feature_space", "mask_embedding", "bank", "embedder", "viewpoint", "shape", "deformation", "rig"),
-    *("articulation", "appearance", "renderer"),
-)
-"""Groups of the model, in the order of the data flow."""
 
 
 def stored_config(config: Mapping[str, Any]) -> DictConfig:
@@ -31,9 +25,9 @@ def stored_config(config: Mapping[str, Any]) -> DictConfig:
     """
     cfg = DictConfig(config)
     try:
-        if missing := [group for group in GROUPS if group not in cfg]:
+        if missing := [group for group in MODEL_GROUPS if group not in cfg]:
             raise FaunaError(f"{missing[0]}: expected this group, got none")
-        for group in GROUPS:
+        for group in MODEL_GROUPS:
             check_targets(cfg[group], group)
     except FaunaError as error:
         raise FaunaError(

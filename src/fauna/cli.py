@@ -33,7 +33,7 @@ def run_cli(function: Callable[[], None], command: str) -> None:
     sys.argv[1:] = flags[:1] + [word for word in sys.argv[1:] if word not in flags]
     _refused = []
     try:
-        with _one_line_errors(command):
+        with one_line_errors(command):
             function()
             sys.stdout.flush()  # here, where a reader that has gone is met quietly
         if _refused:
@@ -43,6 +43,22 @@ def run_cli(function: Callable[[], None], command: str) -> None:
         _leave_quietly()
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
+
+
+@contextlib.contextmanager
+def one_line_errors(command: str) -> Iterator[None]:
+    """End with one line on stderr and exit code 2 on an error that a user can cause; ``FAUNA_DEBUG=1`` shows the traceback.
+
+    Args:
+        command: what was called, for hints.
+    """
+    try:
+        yield
+    except Exception as error:
+        message = user_message(error, command)
+        if message is None or os.environ.get("FAUNA_DEBUG"):
+            raise
+        _leave(message, getattr(error, "exit_code", EXIT_BAD_INPUT))
 
 
 @contextlib.contextmanager
@@ -110,17 +126,6 @@ def user_message(error: BaseException, command: str) -> str | None:
             f"({error.strerror}); check the path, its permissions and the space on the disk"
         )
     return None
-
-
-@contextlib.contextmanager
-def _one_line_errors(command: str) -> Iterator[None]:
-    try:
-        yield
-    except Exception as error:
-        message = user_message(error, command)
-        if message is None or os.environ.get("FAUNA_DEBUG"):
-            raise
-        _leave(message, getattr(error, "exit_code", EXIT_BAD_INPUT))
 
 
 def _leave(message: str, code: int) -> NoReturn:

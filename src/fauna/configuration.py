@@ -16,20 +16,14 @@ from fauna.limits import check_ranges
 from fauna.losses.objective import IMAGE_TERMS, TERMS
 from fauna.precision import Precision
 
+MODEL_GROUPS = (
+    *("feature_space", "mask_embedding", "bank", "embedder", "viewpoint", "shape", "deformation", "rig"),
+    *("articulation", "appearance", "renderer"),
+)
+"""Groups of the model beside its encoder, in the order of the data flow."""
+
 ROOT_KEYS = (
-    *(
-        "encoder",
-        "feature_space",
-        "mask_embedding",
-        "bank",
-        "embedder",
-        "viewpoint",
-        "shape",
-        "deformation",
-        "rig",
-        "articulation",
-    ),
-    *("appearance", "renderer", "discriminator", "losses", "optimizer", "schedule", "data", "trainer", "callbacks"),
+    *("encoder", *MODEL_GROUPS, "discriminator", "losses", "optimizer", "schedule", "data", "trainer", "callbacks"),
     *("logger", "name", "seed", "out", "resume", "init_from", "init_components", "camera"),
     *("feature_lookup", "field_precision", "shade_fraction"),
 )

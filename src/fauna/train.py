@@ -53,6 +53,7 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     from lightning import seed_everything
 
     from fauna.build import build_encoder, build_model, build_schedule, build_system, check_encoder
+    from fauna.callbacks.interrupt import Interrupt
     from fauna.configuration import validate
     from fauna.io.run_folder import check_fits, claim_folder, report_changes, resume_path, write_json
     from fauna.threads import describe_cpu
@@ -69,7 +70,8 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     data = _make(cfg.data, {"encoder": encoder})
     system = build_system(cfg, build_model(cfg, encoder))
     given = {"schedule": schedule, "folder": str(folder), "config": config, "save_dir": str(folder)}
-    callbacks = [_make(node, given) for node in cfg.callbacks.values() if node is not None]
+    interrupt = Interrupt()
+    callbacks = [*(_make(node, given) for node in cfg.callbacks.values() if node is not None), interrupt]
     loggers = [_make(node, given) for node in cfg.logger.values() if node is not None]
     trainer = _make(cfg.trainer, {**given, "callbacks": callbacks, "logger": loggers})
     print(f"encoder {encoder.name}, {encoder.input_size} px, {encoder.dtype}; CPU: {describe_cpu()}")
@@ -84,7 +86,8 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     baseline = _validate(trainer, system, data, schedule) if resume is None else None
     started = time.monotonic()
     try:
-        trainer.fit(system, datamodule=data, ckpt_path=None if resume is None else str(resume), weights_only=True)
+        with interrupt.listening():
+            trainer.fit(system, datamodule=data, ckpt_path=None if resume is None else str(resume), weights_only=True)
     except (SystemExit, KeyboardInterrupt) as stop:  # Lightning turns both signals into an exit of its own
         terminated = bool(getattr(trainer, "received_sigterm", False))
         raise Interrupted(

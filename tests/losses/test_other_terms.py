@@ -15,14 +15,13 @@ def draw(*shape: int, seed: int = 0) -> torch.Tensor:
     return torch.randn(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
-def weights(weighting: str, measured: torch.Tensor, *, photos: int, all_rendered: bool, temperature: float = 0.5):
+def weights(weighting: str, measured: torch.Tensor, *, all_rendered: bool, temperature: float = 0.5):
     rows = measured.shape[0]
     return row_weights(
         weighting,
         probability=torch.linspace(0.1, 0.7, rows, dtype=measured.dtype),
         relative=torch.linspace(0.2, 1.0, rows, dtype=measured.dtype),
         measured=measured,
-        photo=torch.arange(photos).repeat_interleave(rows // photos),
         num_hypotheses=4,
         temperature=temperature,
         all_rendered=all_rendered,
@@ -68,25 +67,25 @@ def test_hypothesis_target_is_detached():
 @pytest.mark.parametrize("all_rendered", [False, True])
 def test_uniform_weights_give_the_plain_mean(all_rendered):
     measured = draw(8).abs()
-    assert torch.equal(weights("uniform", measured, photos=2, all_rendered=all_rendered), torch.ones_like(measured))
+    assert torch.equal(weights("uniform", measured, all_rendered=all_rendered), torch.ones_like(measured))
 
 
 def test_probability_weights_average_one_over_the_hypotheses():
     measured = draw(4).abs()
-    given = weights("probability", measured, photos=4, all_rendered=False)
+    given = weights("probability", measured, all_rendered=False)
     torch.testing.assert_close(given, 4 * torch.linspace(0.1, 0.7, 4, dtype=torch.float64))
 
 
 def test_an_explored_viewpoint_counts_as_far_as_it_is_believed():
     measured = draw(4).abs()
-    given = weights("softmin", measured, photos=4, all_rendered=False)
+    given = weights("softmin", measured, all_rendered=False)
     torch.testing.assert_close(given, torch.linspace(0.2, 1.0, 4, dtype=torch.float64))
 
 
 @pytest.mark.parametrize("weighting", ["softmin", "probability"])
 def test_softmin_sums_to_the_number_of_hypotheses_and_prefers_small_losses(weighting):
     measured = draw(8, seed=3).abs() + 0.1
-    given = weights(weighting, measured, photos=2, all_rendered=True).reshape(2, 4)
+    given = weights(weighting, measured, all_rendered=True).reshape(2, 4)
     torch.testing.assert_close(given.sum(dim=1), torch.full((2,), 4.0, dtype=torch.float64))
     for row, losses in zip(given, measured.reshape(2, 4), strict=True):
         assert row.argsort().tolist() == losses.argsort(descending=True).tolist()
@@ -97,9 +96,9 @@ def test_softmin_sums_to_the_number_of_hypotheses_and_prefers_small_losses(weigh
 
 def test_softmin_does_not_depend_on_the_scale_of_losses():
     measured = draw(8, seed=4).abs() + 0.1
-    first = weights("softmin", measured, photos=2, all_rendered=True)
-    torch.testing.assert_close(first, weights("softmin", measured * 1000, photos=2, all_rendered=True))
-    flat = weights("softmin", torch.zeros(4, dtype=torch.float64), photos=1, all_rendered=True)
+    first = weights("softmin", measured, all_rendered=True)
+    torch.testing.assert_close(first, weights("softmin", measured * 1000, all_rendered=True))
+    flat = weights("softmin", torch.zeros(4, dtype=torch.float64), all_rendered=True)
     torch.testing.assert_close(flat, torch.ones(4, dtype=torch.float64))
 
 

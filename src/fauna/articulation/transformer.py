@@ -91,7 +91,9 @@ class ArticulationTransformer(Articulation):
         self.position_scale = position_scale
         self.camera_distance = camera_distance
         self.output_gain = output_gain
-        self.angles_deg = (max_angle_deg, body_sideways_deg, body_twist_deg)
+        self.max_angle_deg = max_angle_deg
+        self.body_sideways_deg = body_sideways_deg
+        self.body_twist_deg = body_twist_deg
         local_width = key_dim if local_dim is None else local_dim
         self.project_local = nn.Identity() if local_dim is None else nn.Linear(key_dim, local_dim, bias=False)
         self.normalize_global = nn.LayerNorm(geometry_dim) if normalize_inputs else nn.Identity()
@@ -142,13 +144,15 @@ class ArticulationTransformer(Articulation):
         if self.bone_code is not None:
             tokens = tokens + self.bone_code
         output = self.out_layer(self.blocks(tokens))
-        limits = _limits(leg_limits, *self.angles_deg)
-        angles = torch.tanh(self.output_gain * output) * constant(limits, output)
+        angles = torch.tanh(self.output_gain * output) * constant(self._limits(leg_limits), output)
         return Pose(turn_angles(angles) if self.turned else angles)
 
     def limits(self, leg_limits: str) -> Float[Tensor, "20 3"]:
         """Largest absolute angles, radians."""
-        return torch.tensor(_limits(leg_limits, *self.angles_deg))
+        return torch.tensor(self._limits(leg_limits))
+
+    def _limits(self, leg_limits: str) -> tuple[tuple[float, ...], ...]:
+        return _limits(leg_limits, self.max_angle_deg, self.body_sideways_deg, self.body_twist_deg)
 
     @torch.no_grad()
     def sample_keys(
@@ -183,9 +187,8 @@ class ArticulationTransformer(Articulation):
         assert residual is not None, "an articulation that compares outlines is given the residual"
         middle = project(0.5 * (starts + ends), camera)  # (row, bone, 2)
         places = middle[:, :, None] + self.window
-        return F.grid_sample(residual[:, None], places, mode="bilinear", padding_mode="zeros", align_corners=False)[
-            :, 0
-        ]
+        sampled = F.grid_sample(residual[:, None], places, mode="bilinear", padding_mode="zeros", align_corners=False)
+        return sampled[:, 0]
 
     @torch.no_grad()
     def positions(

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
-from fauna.data.crop_box import CropBox
-from fauna.data.crop_window import crop_window
+from fauna.data.cut import cut, mask_window
 from fauna.data.photo_loader import PhotoLoader
 from fauna.data.photos import Photo, PhotoSource, RawPhoto
 from fauna.encoder.base import Encoder
@@ -51,22 +50,13 @@ def single_photo(encoder: Encoder, image: np.ndarray, mask: np.ndarray, *, crop:
     marked = mask if mask.dtype == bool else mask > 127
     if not marked.any():
         raise FaunaError("mask: expected an animal, got an empty mask; mark the animal's pixels")
-    raw = _crop(image, marked, size) if crop else RawPhoto(image, marked, None, None)
+    if crop:
+        raw = RawPhoto(*cut(Image.fromarray(image), marked, mask_window(marked), size), None)
+    else:
+        raw = RawPhoto(image, marked, None, None)
     photo = Photo("photo", "unknown", "photo", ArraySource(raw))
     loader = PhotoLoader(encoder=encoder, image_size=size, valid_margin=0.0, cache_features=False, memory_megabytes=0)
     return loader.batch([photo], [False], None)
-
-
-def _crop(image: np.ndarray, mask: np.ndarray, size: int) -> RawPhoto:
-    rows, columns = np.nonzero(mask)
-    centroid = (float(columns.mean()) + 0.5, float(rows.mean()) + 0.5)
-    bounds = (float(columns.min()), float(rows.min()), columns.max() + 1.0, rows.max() + 1.0)
-    left, top, side = crop_window(float(len(rows)), centroid, bounds)
-    window = (left, top, left + side, top + side)
-    pixels = Image.fromarray(image).crop(window).resize((size, size), Image.Resampling.BILINEAR)
-    share = Image.fromarray(mask.astype(np.float32)).crop(window).resize((size, size), Image.Resampling.BOX)
-    height, width = mask.shape
-    return RawPhoto(np.array(pixels), np.array(share) >= 0.5, CropBox(left, top, side, side, width, height), None)
 
 
 def _check(image: np.ndarray, mask: np.ndarray, crop: bool) -> None:

@@ -3,7 +3,7 @@
 from typing import Literal
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 Weighting = Literal["uniform", "probability", "softmin"]
@@ -21,7 +21,6 @@ def row_weights(
     probability: Float[Tensor, " row"],
     relative: Float[Tensor, " row"],
     measured: Float[Tensor, " row"],
-    photo: Int[Tensor, " row"],
     num_hypotheses: int,
     temperature: float,
     all_rendered: bool,

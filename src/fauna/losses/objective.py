@@ -83,7 +83,6 @@ class Objective:
             probability=probabilities[chosen],
             relative=probabilities[chosen] / probabilities.amax(dim=1)[out.selection.photo],
             measured=measured,
-            photo=out.selection.photo,
             num_hypotheses=hypotheses.predicted_losses.shape[1],
             temperature=self.softmin_temperature or stage.temperature,
             all_rendered=measured.shape[0] > batch.images.shape[0],

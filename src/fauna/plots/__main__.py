@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from fauna.commands import one_line_errors
+from fauna.cli import one_line_errors
 
 
 def main() -> None:
@@ -16,7 +16,7 @@ def main() -> None:
     parser.add_argument("--smooth", type=int, default=9, help="entries of the log in a running mean (default 9)")
     given = parser.parse_args()
 
-    with one_line_errors():
+    with one_line_errors("python -m fauna.plots"):
         from fauna.plots.curves import draw
         from fauna.plots.log import read_run
 

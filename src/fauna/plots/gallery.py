@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw
 
-from fauna.commands import one_line_errors
+from fauna.cli import one_line_errors
 from fauna.errors import FaunaError
 from fauna.evaluation import draw
 from fauna.evaluation.gather import MODEL, SAMPLES
@@ -73,7 +73,7 @@ def main() -> None:
         "--head", choices=("+z", "-z"), help="where the head is; default: where the report found it, else +z"
     )
     given = parser.parse_args()
-    with one_line_errors():
+    with one_line_errors("python -m fauna.plots.gallery"):
         report = read_report(given.report, given.group)
         if given.head is not None:
             report = replace(report, flipped=given.head == "-z")

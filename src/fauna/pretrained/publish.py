@@ -10,7 +10,7 @@ import torch
 import yaml
 
 import fauna
-from fauna.commands import one_line_errors
+from fauna.cli import one_line_errors
 from fauna.data.feature_cache import write_atomically
 from fauna.errors import FaunaError
 from fauna.evaluation.weights import facts, locate
@@ -41,7 +41,7 @@ def main() -> None:
     parser.add_argument("--limits", required=True, type=Path, help="text file: limits and known failures, Markdown")
     given = parser.parse_args()
 
-    with one_line_errors():
+    with one_line_errors("python -m fauna.pretrained.publish"):
         publish(
             checkpoint=given.checkpoint,
             reports=given.report,

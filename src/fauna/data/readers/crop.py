@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from PIL import Image
 
-from fauna.data.crop_box import CropBox
 from fauna.data.crop_window import crop_window
+from fauna.data.cut import cut, mask_window
 from fauna.data.photo_files import digest_file
 from fauna.data.photos import MaskSource, PhotoSource, RawPhoto
 from fauna.data.readers.masks import Mask, MaskFile
@@ -63,15 +63,12 @@ class CropSource(PhotoSource):
             )
         mask = self._mask(height, width)
         left, top, side = self._window(mask)
-        window = (left, top, left + side, top + side)
-        size = (self.crop_size, self.crop_size)
-        image = photograph.crop(window).resize(size, Image.Resampling.BILINEAR)
-        covered = Image.fromarray(mask.astype(np.float32)).crop(window).resize(size, Image.Resampling.BOX)
-        small = np.array(covered) >= 0.5
+        image, small, box = cut(photograph, mask, (left, top, side), self.crop_size)
         if not small.any():
-            raise FaunaError(f"{self.origin} expects a visible animal, got none left at {size[0]} px; leave it out")
-        box = CropBox(left, top, side, side, width, height)
-        return RawPhoto(np.array(image), small, box, self._keypoints(left, top, side), self.mask_source)
+            raise FaunaError(
+                f"{self.origin} expects a visible animal, got none left at {self.crop_size} px; leave it out"
+            )
+        return RawPhoto(image, small, box, self._keypoints(left, top, side), self.mask_source)
 
     def content_key(self) -> str:
         """Digest of the photograph's file and of all that decides which part of it is the crop."""
@@ -118,10 +115,7 @@ class CropSource(PhotoSource):
             left, top, right, bottom = bounds = self._clipped(*mask.shape)
             area = self.box_fill * (right - left) * (bottom - top)
             return crop_window(area, (0.5 * (left + right), 0.5 * (top + bottom)), bounds)
-        rows, columns = np.nonzero(mask)
-        centroid = (float(columns.mean()) + 0.5, float(rows.mean()) + 0.5)
-        bounds = (float(columns.min()), float(rows.min()), columns.max() + 1.0, rows.max() + 1.0)
-        return crop_window(float(len(rows)), centroid, bounds)
+        return mask_window(mask)
 
     def _clipped(self, height: int, width: int) -> Box:
         if self.box is None:
