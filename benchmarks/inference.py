@@ -77,7 +77,7 @@ def reconstruct(model: FaunaModel, images: Tensor, clock: Clock) -> PosedMesh:
     selection = best(hypotheses)
     camera = camera_for(hypotheses, selection, fov_deg=model.camera["fov_deg"], distance=model.camera["distance"])
     instance = clock.timed("deformation", model.deform)(base, embedding)
-    return model.articulate(base, instance, features, embedding, selection, camera, masks)[2]
+    return model.articulate(base, instance, features, embedding, selection, camera, masks, masks)[2]
 
 
 def instrument(model: FaunaModel, clock: Clock) -> None:

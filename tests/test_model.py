@@ -140,6 +140,29 @@ def test_a_random_share_of_the_pixels_is_unbiased(model, photos):
         assert (error.abs() < 4 * values.std(dim=0) / 60**0.5).all()
 
 
+@torch.no_grad()
+def test_one_photo_gives_the_shape_of_a_training_batch(model, photos):
+    features = model.feature_space.normalize(model.encode(photos))
+    codes = model.bank(features.global_, photos.category).embedding
+    assert torch.allclose(model(photos, Draws(0, 0)).code, codes.mean(dim=0))
+    model.batch_code = "one"
+    drawn = {int((codes - model(photos, Draws(0, step)).code).abs().sum(dim=1).argmin()) for step in range(12)}
+    assert drawn == {0, 1, 2}
+    assert torch.equal(model(photos, Draws(0, 3)).code, model(photos, Draws(0, 3)).code)
+
+
+@torch.no_grad()
+def test_what_lies_outside_the_photo_is_no_residual(model, photos):
+    model.set_stage(Stage(articulation=True))
+    base = model(photos)
+    half = photos.valid.clone()
+    half[..., : half.shape[-1] // 2] = 0
+    args = (base.posed, base.base, base.selection, base.camera, photos.masks)
+    whole, cut = model._residual(*args, torch.ones_like(half)), model._residual(*args, half)
+    assert torch.equal(cut, whole * half)
+    assert whole.abs().sum() > cut.abs().sum() > 0
+
+
 def reseeded(name, lattice, seed):
     """The same lattice in every draw, other pixels in each."""
     generator = torch.Generator()

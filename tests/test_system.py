@@ -68,7 +68,8 @@ def test_every_trainable_parameter_is_in_exactly_one_group(system):
 
 
 def test_prior_is_bank_shape_and_feature_field(system, cfg):
-    prior, rest = parameter_groups(system.model)
+    groups = parameter_groups(system.model)
+    prior, viewpoint, rest = groups["prior"], groups["viewpoint"], groups["rest"]
     names = {id(p): name for name, p in system.model.named_parameters()}
     assert {names[id(p)].split(".")[0] for p in prior} == {"bank", "shape", "appearance"}
     assert all(
@@ -77,13 +78,13 @@ def test_prior_is_bank_shape_and_feature_field(system, cfg):
     assert {names[id(p)].split(".")[0] for p in rest} == {
         "mask_embedding",
         "embedder",
-        "viewpoint",
         "deformation",
         "articulation",
         "appearance",
     }
+    assert {id(p) for p in viewpoint} == {id(p) for p in system.model.viewpoint.parameters()}
     rates = [group["lr"] for group in system.configure_optimizers()[0].param_groups]
-    assert rates == [cfg.optimizer.prior_lr, cfg.optimizer.lr]
+    assert rates == [cfg.optimizer.prior_lr, cfg.optimizer.lr, cfg.optimizer.lr]
 
 
 def test_a_system_without_adversary_still_has_two_optimisers():
@@ -159,6 +160,8 @@ def test_learning_rates_follow_the_stage(system, cfg):
     system.set_stage(build_schedule(cfg).at(22))
     scale = build_schedule(cfg).at(22).lr_scale
     assert 0.5 < scale < 1
+    assert cfg.schedule.viewpoint_lr[-1][1] == 0.1
     for optimizer in optimizers:
         for group in optimizer.param_groups:
-            assert group["lr"] == pytest.approx(group["initial_lr"] * scale)
+            own = 0.1 if group.get("name") == "viewpoint" else 1.0
+            assert group["lr"] == pytest.approx(group["initial_lr"] * scale * own)

@@ -56,6 +56,7 @@ def build_model(cfg: DictConfig, encoder: Encoder) -> FaunaModel:
         renderer=_make(cfg.renderer),
         camera=OmegaConf.to_container(cfg.camera, resolve=True),  # type: ignore[arg-type]
         feature_lookup=cfg.feature_lookup,
+        batch_code=cfg.batch_code,
         shade_fraction=float(cfg.shade_fraction),
     )
 

@@ -25,7 +25,7 @@ MODEL_GROUPS = (
 ROOT_KEYS = (
     *("encoder", *MODEL_GROUPS, "discriminator", "losses", "optimizer", "schedule", "data", "trainer", "callbacks"),
     *("logger", "name", "seed", "out", "resume", "init_from", "init_components", "camera"),
-    *("feature_lookup", "field_precision", "shade_fraction"),
+    *("feature_lookup", "field_precision", "batch_code", "shade_fraction"),
 )
 """What ``conf/train.yaml`` holds: its groups and its own keys."""
 
@@ -76,6 +76,7 @@ def _check_root(cfg: DictConfig) -> None:
         "init_components": Sequence[str] | None,
         "feature_lookup": Literal["vertices", "pixels"],
         "field_precision": Precision,
+        "batch_code": Literal["mean", "one"],
         "shade_fraction": float,
     }
     for key in cfg:

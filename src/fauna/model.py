@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from fauna.appearance.base import Appearance
 from fauna.articulation.base import Articulation
-from fauna.bank.base import Bank
+from fauna.bank.base import Bank, BatchCode, shape_code
 from fauna.deformation.base import Deformation
 from fauna.encoder.base import Encoder
 from fauna.encoder.embedder import ImageEmbedder
@@ -65,6 +65,8 @@ class FaunaModel(nn.Module):
         renderer: rasteriser backend.
         camera: ``fov_deg`` and ``distance`` (world units) of the pinhole camera.
         feature_lookup: evaluate the feature field at mesh ``vertices`` or at the shaded ``pixels``.
+        batch_code: shape code of a training batch, which shows one species: the ``mean`` over its photos (paper), or that of
+            ``one`` of them, drawn at random, which then has to explain the others and so cannot depend on the view.
         shade_fraction: share of the pixels in the image losses that a training step shades, drawn at random.
     """
 
@@ -85,6 +87,7 @@ class FaunaModel(nn.Module):
         renderer: Renderer,
         camera: Mapping[str, float],
         feature_lookup: FeatureLookup,
+        batch_code: BatchCode,
         shade_fraction: float,
     ) -> None:
         super().__init__()
@@ -102,6 +105,7 @@ class FaunaModel(nn.Module):
         self.renderer = renderer
         self.camera = dict(camera)
         self.feature_lookup: FeatureLookup = feature_lookup
+        self.batch_code: BatchCode = batch_code
         self.shade_fraction = shade_fraction
         self.stage = Stage()
         self.grid_resolution = shape.grid_resolution  # as configured: what a stage without one means
@@ -144,14 +148,16 @@ class FaunaModel(nn.Module):
         """
         features = self.mask_embedding(self.feature_space.normalize(self.encode(batch)), batch.masks)
         readout = self.bank(features.global_, batch.category)
-        code = readout.embedding.mean(dim=0)
+        code = shape_code(readout, self.batch_code, None if draws is None else draws.generator("batch_code"))
         base = self.shape(code, None if draws is None else draws.generator("lattice_jitter"))
         embedding = self.embedder(features)
         hypotheses = self.viewpoint(features, temperature=self.stage.temperature, elevation=self.stage.elevation)
         selection = best(hypotheses) if draws is None else self._select(hypotheses, draws)
         camera = camera_for(hypotheses, selection, fov_deg=self.camera["fov_deg"], distance=self.camera["distance"])
         instance = self.deform(base, embedding)
-        skeleton, pose, posed = self.articulate(base, instance, features, embedding, selection, camera, batch.masks)
+        skeleton, pose, posed = self.articulate(
+            base, instance, features, embedding, selection, camera, batch.masks, batch.valid
+        )
         rows = embedding.rows(selection.photo)
         light = self.appearance.light(rows.texture)
         renders = render(
@@ -211,12 +217,15 @@ class FaunaModel(nn.Module):
         selection: Selection,
         camera: Camera,
         masks: Float[Tensor, "batch height width"],
+        valid: Float[Tensor, "batch height width"],
     ) -> tuple[Skeleton | None, Pose | None, PosedMesh]:
         """Rest bones, their predicted angles and the skinned mesh of each row; the rest mesh while articulation is off."""
         rest = PosedMesh(per_row(instance.verts, len(selection.photo)), base.faces, base.verts)
         if not self.stage.articulation:
             return None, None, rest
-        residual = self._residual(rest, base, selection, camera, masks) if self.articulation.compares_outline else None
+        residual = (
+            self._residual(rest, base, selection, camera, masks, valid) if self.articulation.compares_outline else None
+        )
         skeleton = self.rig.rest(instance, legs_attached=self.stage.legs_attached)
         limits = self.stage.leg_limits
         pose = self.articulation(features, embedding.geometry, skeleton, camera, residual, leg_limits=limits)
@@ -230,10 +239,12 @@ class FaunaModel(nn.Module):
         selection: Selection,
         camera: Camera,
         masks: Float[Tensor, "batch height width"],
+        valid: Float[Tensor, "batch height width"],
     ) -> Float[Tensor, "row height width"]:
-        """Mask minus silhouette of the mesh at rest, of each row."""
+        """Mask minus silhouette of the mesh at rest, of each row; 0 where the photo does not reach."""
         size = (masks.shape[-2], masks.shape[-1])
-        return masks[selection.photo] - render_silhouette(self.renderer, rest, camera, size, topology=base.topology)
+        silhouette = render_silhouette(self.renderer, rest, camera, size, topology=base.topology)
+        return (masks[selection.photo] - silhouette) * valid[selection.photo]
 
     def set_stage(self, stage: Stage) -> None:
         """Switch parts on or off; called by the schedule callback and when weights are loaded."""

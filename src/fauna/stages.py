@@ -32,6 +32,7 @@ class Stage:
         uniform_mix: share of the uniform distribution mixed into them.
         best_fraction: share of photos that take their most likely hypothesis.
         lr_scale: factor on every learning rate.
+        viewpoint_lr_scale: further factor on that of the viewpoint network.
         weights: weight of each loss term; a missing term has weight 0.
         target_weights: weight of each image term in the hypothesis target.
     """
@@ -48,6 +49,7 @@ class Stage:
     uniform_mix: float = 0.0
     best_fraction: float = 1.0
     lr_scale: float = 1.0
+    viewpoint_lr_scale: float = 1.0
     weights: Mapping[str, float] = field(default_factory=dict)
     target_weights: Mapping[str, float] = field(default_factory=dict)
 
@@ -115,6 +117,9 @@ class Schedule:
         best_from: steps between which the share of best hypotheses ramps from 0 to ``best_fraction``.
         best_fraction: final share of photos that take their most likely hypothesis.
         lr_decay: ``{start, stop, factor}`` linear decay of the learning rates, ``None`` for constant.
+        viewpoint_lr: piecewise factor on the learning rate of the viewpoint network. Once legs separate and bones bend, a
+            walking animal seen from the side can also be explained by a standing one at three quarters; viewpoints that
+            were found before that are kept by learning slowly.
         weights: loss weights, piecewise constant in the step.
         target_weights: weights of the hypothesis target, piecewise constant.
     """
@@ -136,6 +141,7 @@ class Schedule:
         best_from: Sequence[int],
         best_fraction: Number,
         lr_decay: Mapping[str, Number] | None,
+        viewpoint_lr: Piecewise,
         weights: Mapping[str, Piecewise],
         target_weights: Mapping[str, Piecewise],
     ) -> None:
@@ -150,6 +156,7 @@ class Schedule:
             _check_window(name, window)
         _check_piecewise("leg_limits", leg_limits)
         _check_piecewise("grid_resolution", grid_resolution)
+        _check_piecewise("viewpoint_lr", viewpoint_lr)
         for group, values in (("weights", weights), ("target_weights", target_weights)):
             for name, value in values.items():
                 _check_piecewise(f"{group}.{name}", value)
@@ -162,6 +169,7 @@ class Schedule:
         self.best_from = tuple(best_from)
         self.best_fraction = best_fraction
         self.lr_decay = lr_decay
+        self.viewpoint_lr = viewpoint_lr
         self.weights = dict(weights)
         self.target_weights = dict(target_weights)
 
@@ -178,6 +186,7 @@ class Schedule:
             uniform_mix=1.0 - ramp(step, *self.uniform_until),
             best_fraction=self.best_fraction * ramp(step, *self.best_from),
             lr_scale=self._lr_scale(step),
+            viewpoint_lr_scale=float(piecewise(step, self.viewpoint_lr)),
             weights={name: float(piecewise(step, value)) for name, value in self.weights.items()},
             target_weights={name: float(piecewise(step, value)) for name, value in self.target_weights.items()},
         )
@@ -185,7 +194,8 @@ class Schedule:
     def boundaries(self) -> list[int]:
         """Every later step of a run at which something switches, ascending."""
         found = {edge for window in (*self.windows.values(), self.all_hypotheses) for edge in window or () if edge}
-        for value in (*self.weights.values(), *self.target_weights.values(), self.leg_limits, self.grid_resolution):
+        steps = (self.leg_limits, self.grid_resolution, self.viewpoint_lr)
+        for value in (*self.weights.values(), *self.target_weights.values(), *steps):
             found.update(start for start, _ in value or () if start) if isinstance(value, Sequence) else None
         return sorted(edge - self.start_at for edge in found if edge > self.start_at)
 

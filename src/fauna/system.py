@@ -130,13 +130,14 @@ class FaunaSystem(LightningModule):
             self.log_dict({f"val/{name}": value for name, value in losses.terms.items()}, batch_size=1)
 
     def configure_optimizers(self) -> list[torch.optim.Optimizer]:
-        """One Adam with two groups for the model, one for the discriminator; each trainable parameter is in exactly one."""
+        """One Adam with three groups for the model, one for the discriminator; each trainable parameter is in exactly one."""
         options = self.options
-        prior, rest = parameter_groups(self.model)
-        groups = [{"params": prior, "lr": options.prior_lr}, {"params": rest, "lr": options.lr}]
+        rates = {"prior": options.prior_lr, "viewpoint": options.lr, "rest": options.lr}
+        parameters = parameter_groups(self.model)
+        groups = [{"params": parameters[name], "lr": lr, "name": name} for name, lr in rates.items() if parameters[name]]
         optimizers: list[torch.optim.Optimizer] = [
             torch.optim.Adam(
-                [group for group in groups if group["params"]],
+                groups,
                 betas=(options.betas[0], options.betas[1]),
                 eps=options.eps,
                 fused=True,
@@ -162,7 +163,8 @@ class FaunaSystem(LightningModule):
         self.model.set_stage(stage)
         for optimizer in self.optimizers(use_pl_optimizer=False) if self._trainer is not None else []:  # type: ignore[union-attr]
             for group in optimizer.param_groups:
-                group["lr"] = group["initial_lr"] * stage.lr_scale
+                own = stage.viewpoint_lr_scale if group.get("name") == "viewpoint" else 1.0
+                group["lr"] = group["initial_lr"] * stage.lr_scale * own
 
     def _finish(self, optimizer: Any, parameters: list[torch.nn.Parameter], total: Tensor) -> None:
         """Average, check, clip and step. A non-finite step leaves weights and optimiser state as they were."""
@@ -208,11 +210,11 @@ class FaunaSystem(LightningModule):
                 logger.log_metrics({name: float(value) for name, value in values.items()}, step)
 
 
-def parameter_groups(model: FaunaModel) -> tuple[list[torch.nn.Parameter], list[torch.nn.Parameter]]:
-    """Trainable parameters of the prior and of the rest."""
-    prior: list[torch.nn.Parameter] = []
-    rest: list[torch.nn.Parameter] = []
+def parameter_groups(model: FaunaModel) -> dict[str, list[torch.nn.Parameter]]:
+    """Trainable parameters of the ``prior``, the ``viewpoint`` network and the ``rest``."""
+    groups: dict[str, list[torch.nn.Parameter]] = {"prior": [], "viewpoint": [], "rest": []}
     for name, parameter in model.named_parameters():
         if parameter.requires_grad:
-            (prior if name.startswith(PRIOR) else rest).append(parameter)
-    return prior, rest
+            part = "prior" if name.startswith(PRIOR) else "viewpoint" if name.startswith("viewpoint.") else "rest"
+            groups[part].append(parameter)
+    return groups

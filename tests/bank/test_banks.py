@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.nn import functional as F
 
-from fauna.bank.base import slot_entropy
+from fauna.bank.base import shape_code, slot_entropy
 from fauna.bank.category import CategoryBank
 from fauna.bank.none import NoBank
 from fauna.bank.semantic import SemanticBank
@@ -142,3 +142,13 @@ def test_slot_entropy():
     readout = BankReadout(torch.zeros(2, 3), torch.tensor([[0.5, -0.5], [1.0, 0.0]]), torch.tensor([[0, 1], [0, 1]]))
     torch.testing.assert_close(slot_entropy(readout), torch.tensor([math.log(2), 0.0]))
     assert torch.equal(slot_entropy(BankReadout(torch.zeros(2, 3))), torch.zeros(2))
+
+
+def test_code_of_a_batch_is_the_mean_or_that_of_any_one_photo():
+    readout = semantic()(query(3), None)
+    mean = readout.embedding.mean(dim=0)
+    draws = [shape_code(readout, "one", torch.Generator().manual_seed(seed)) for seed in range(20)]
+    photos = [next(i for i in range(3) if torch.equal(code, readout.embedding[i])) for code in draws]
+    assert set(photos) == {0, 1, 2}
+    assert torch.equal(shape_code(readout, "mean", torch.Generator()), mean)
+    assert torch.equal(shape_code(readout, "one", None), mean)

@@ -1,4 +1,4 @@
-"""Magnitude regularisers (R_art and R_def, supplement). The Eikonal term lives with the signed distance field."""
+"""Magnitude regularisers (R_art and R_def, supplement) The Eikonal term lives with the signed distance field."""
 
 from typing import Literal
 
