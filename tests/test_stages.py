@@ -5,7 +5,7 @@ from fauna.errors import FaunaError
 from fauna.stages import Stage
 from tests.runs import composed
 
-SCHEDULES = ["paper", "published", "released", "laptop", "quickstart", "tiny"]
+SCHEDULES = ["paper", "published", "released", "laptop", "laptop_viewpoints", "laptop_bodies", "quickstart", "tiny"]
 
 
 @pytest.fixture(scope="module")

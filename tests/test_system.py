@@ -76,13 +76,13 @@ def test_prior_is_bank_shape_and_feature_field(system, cfg):
         names[id(p)].startswith("appearance.feature_field") for p in prior if names[id(p)].startswith("appearance")
     )
     assert {names[id(p)].split(".")[0] for p in rest} == {
-        "mask_embedding",
         "embedder",
         "deformation",
         "articulation",
         "appearance",
     }
-    assert {id(p) for p in viewpoint} == {id(p) for p in system.model.viewpoint.parameters()}
+    seen = [*system.model.viewpoint.parameters(), *system.model.mask_embedding.parameters()]
+    assert {id(p) for p in viewpoint} == {id(p) for p in seen}
     rates = [group["lr"] for group in system.configure_optimizers()[0].param_groups]
     assert rates == [cfg.optimizer.prior_lr, cfg.optimizer.lr, cfg.optimizer.lr]
 

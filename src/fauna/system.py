@@ -21,6 +21,9 @@ from fauna.types import Batch, Reconstruction
 PRIOR = ("bank", "shape", "appearance.feature_field")
 """Parts that learn at ``optimizer.prior_lr``: the bank and what the paper calls the prior (SDF and feature field)."""
 
+VIEWPOINT = ("viewpoint.", "mask_embedding.")
+"""Parts that settle the viewpoint; their learning rate has a factor of its own, ``schedule.viewpoint_lr``."""
+
 
 @dataclass(frozen=True)
 class OptimizerOptions:
@@ -134,7 +137,9 @@ class FaunaSystem(LightningModule):
         options = self.options
         rates = {"prior": options.prior_lr, "viewpoint": options.lr, "rest": options.lr}
         parameters = parameter_groups(self.model)
-        groups = [{"params": parameters[name], "lr": lr, "name": name} for name, lr in rates.items() if parameters[name]]
+        groups = [
+            {"params": parameters[name], "lr": lr, "name": name} for name, lr in rates.items() if parameters[name]
+        ]
         optimizers: list[torch.optim.Optimizer] = [
             torch.optim.Adam(
                 groups,
@@ -211,10 +216,10 @@ class FaunaSystem(LightningModule):
 
 
 def parameter_groups(model: FaunaModel) -> dict[str, list[torch.nn.Parameter]]:
-    """Trainable parameters of the ``prior``, the ``viewpoint`` network and the ``rest``."""
+    """Trainable parameters of the ``prior``, of the ``viewpoint`` network with all it reads, and of the ``rest``."""
     groups: dict[str, list[torch.nn.Parameter]] = {"prior": [], "viewpoint": [], "rest": []}
     for name, parameter in model.named_parameters():
         if parameter.requires_grad:
-            part = "prior" if name.startswith(PRIOR) else "viewpoint" if name.startswith("viewpoint.") else "rest"
+            part = "prior" if name.startswith(PRIOR) else "viewpoint" if name.startswith(VIEWPOINT) else "rest"
             groups[part].append(parameter)
     return groups
