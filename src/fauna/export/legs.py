@@ -1,0 +1,123 @@
+"""Legs for animation: where each stands, and how its three bones bend so that its sole is where it has to be."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from fauna.export.animal import RiggedAnimal
+from fauna.export.joints import LEGS, LegJoints
+
+_SOLE_BAND = 0.03
+"""Vertices that the foot carries and that lie so little above its lowest one are the sole; share of the leg's length."""
+
+_MAX_BEND = 2.4
+"""Largest angle of a knee, radians."""
+
+_HALVINGS = 32
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """A leg at rest, metres.
+
+    Attributes:
+        joints: its name and joints.
+        parent: the joint it hangs from.
+        points: (4, 3) hip, knee, ankle and sole. The sole moves with the foot bone.
+        axis: (3,) what the joints bend about, towards the animal's left.
+    """
+
+    joints: LegJoints
+    parent: int
+    points: Float[np.ndarray, "4 3"]
+    axis: Float[np.ndarray, " 3"]
+
+    @property
+    def hip(self) -> Float[np.ndarray, " 3"]:
+        """Where it hangs from the spine."""
+        return self.points[0]
+
+    @property
+    def sole(self) -> Float[np.ndarray, " 3"]:
+        """What touches the ground."""
+        return self.points[3]
+
+    @property
+    def length(self) -> float:
+        """From hip to sole at rest, where the leg is straight."""
+        return float(np.linalg.norm(self.sole - self.hip))
+
+
+def legs_of(animal: RiggedAnimal) -> tuple[Leg, ...]:
+    """The four legs in the order of :data:`fauna.export.joints.LEGS`."""
+    return tuple(_leg(animal, joints) for joints in LEGS)
+
+
+def _leg(animal: RiggedAnimal, joints: LegJoints) -> Leg:
+    upper, _, foot = joints.joints
+    sole = animal.ends[foot]
+    carried = animal.vertices[animal.influences[:, 0] == foot]
+    if len(carried):
+        length = np.linalg.norm(sole - animal.starts[upper])
+        lowest = carried[:, 1].min()
+        band = carried[carried[:, 1] <= lowest + _SOLE_BAND * length]
+        sole = np.array([band[:, 0].mean(), lowest, band[:, 2].mean()])
+    points = np.concatenate((animal.starts[list(joints.joints)], sole[None]))
+    return Leg(joints, int(animal.parents[upper]), points, animal.frames[upper][:, 0])
+
+
+def bend(
+    leg: Leg, targets: Float[np.ndarray, "frame 3"], bends: Float[np.ndarray, "frame 2"]
+) -> Float[np.ndarray, "frame 3 3 3"]:
+    """Turn the upper, lower and foot bone so that the sole comes to a target.
+
+    Knee and ankle bend in a given proportion, as far as the distance asks; the hip turns the bent leg towards the target on
+    the shortest way. A target out of reach is only pointed at.
+
+    Args:
+        leg: at rest.
+        targets: of the sole seen from the hip, in the rest axes as the parent carries them, metres.
+        bends: proportion of the angles of knee and ankle; a positive one turns what is below it backwards.
+
+    Returns:
+        Rotation of each bone against its parent, in rest axes.
+    """
+    wanted = np.linalg.norm(targets, axis=1)
+    low, high = np.zeros(len(targets)), _MAX_BEND / np.abs(bends).max(axis=1)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        too_long = np.linalg.norm(_sole(leg, middle[:, None] * bends), axis=1) > wanted
+        low, high = np.where(too_long, middle, low), np.where(too_long, high, middle)
+    angles = low[:, None] * bends
+    hip = shortest_turn(_sole(leg, angles), targets)
+    knee, ankle = (Rotation.from_rotvec(angles[:, [joint]] * leg.axis).as_matrix() for joint in range(2))
+    return np.stack((hip, knee, ankle), axis=1)
+
+
+def _sole(leg: Leg, angles: Float[np.ndarray, "frame 2"]) -> Float[np.ndarray, "frame 3"]:
+    """The sole seen from the hip after bending knee and ankle only."""
+    upper, lower, foot = np.diff(leg.points, axis=0)
+    below = _about(leg.axis, angles[:, 1], np.broadcast_to(foot, (len(angles), 3)))
+    return upper + _about(leg.axis, angles[:, 0], lower + below)
+
+
+def _about(
+    axis: Float[np.ndarray, " 3"], angles: Float[np.ndarray, " frame"], vectors: Float[np.ndarray, "frame 3"]
+) -> Float[np.ndarray, "frame 3"]:
+    """Vectors turned about an axis (Rodrigues' formula); a bisection needs it too often for a library's objects."""
+    along = np.outer(vectors @ axis, axis)
+    return along + np.cos(angles)[:, None] * (vectors - along) + np.sin(angles)[:, None] * np.cross(axis, vectors)
+
+
+def shortest_turn(
+    source: Float[np.ndarray, "frame 3"], target: Float[np.ndarray, "frame 3"]
+) -> Float[np.ndarray, "frame 3 3"]:
+    """Rotations by the smallest angle from one direction to another; opposite ones turn about x."""
+    source = source / np.linalg.norm(source, axis=1, keepdims=True).clip(1e-12)
+    target = target / np.linalg.norm(target, axis=1, keepdims=True).clip(1e-12)
+    cross, dot = np.cross(source, target), np.einsum("fk,fk->f", source, target)
+    quaternions = np.concatenate((cross, 1.0 + dot[:, None]), axis=1)
+    quaternions[np.linalg.norm(quaternions, axis=1) < 1e-9] = (1.0, 0.0, 0.0, 0.0)
+    return Rotation.from_quat(quaternions).as_matrix()
