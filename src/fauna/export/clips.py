@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fauna.export.animal import Clip, RiggedAnimal
-from fauna.export.gait import GRAVITY, TROT, WALK, Gait, stands_still, step_length, steps_of
+from fauna.export.gait import GRAVITY, TROT, WALK, Gait, footfalls_of, stands_still, step_length, strides
 from fauna.export.motion import Motion
 from fauna.export.slide import foot_slide
 from fauna.export.stance import Stance, settle, stance_of
@@ -26,7 +26,7 @@ def gait_clip(animal: RiggedAnimal, stance: Stance, gait: Gait) -> Clip:
     """A stride in place; the ground goes by at ``speed``."""
     height = stance.hip_height
     period = gait.period * float(np.sqrt(height / GRAVITY))
-    step = step_length(gait, stance.standing, height)
+    step = step_length(gait, stance)
     motion = Motion(animal, np.linspace(0.0, period, gait.frames + 1))
     turn = 2.0 * np.pi * np.arange(gait.frames + 1) / gait.frames
     sway, nod = gait.sway_deg * np.sin(turn), gait.nod_deg * np.sin(2.0 * turn)
@@ -39,14 +39,9 @@ def gait_clip(animal: RiggedAnimal, stance: Stance, gait: Gait) -> Clip:
     motion.turn("neck", pitch_deg=0.6 * nod)
     motion.turn("head", pitch_deg=0.4 * nod)
     motion.turn("tail", yaw_deg=3.0 * gait.sway_deg * np.cos(turn))
-    feet = [
-        steps_of(gait, leg, footfall, step=step, lift=gait.lift * height, grounded=grounded)
-        for leg, footfall, grounded in zip(stance.legs, gait.footfalls, stance.grounded, strict=True)
-    ]
-    settle(motion, feet, vault=gait.vault)
-    return _finish(
-        motion, stance, gait.name, speed=step / (gait.duty * period), duty=gait.duty, footfalls=gait.footfalls
-    )
+    settle(motion, strides(gait, stance, step), vault=gait.vault)
+    speed = step / (gait.duty * period)
+    return _finish(motion, stance, gait.name, speed=speed, duty=gait.duty, footfalls=footfalls_of(gait, stance))
 
 
 def idle(animal: RiggedAnimal, stance: Stance) -> Clip:
@@ -75,11 +70,7 @@ def look_around(animal: RiggedAnimal, stance: Stance) -> Clip:
 
 
 def _stand(motion: Motion, stance: Stance, name: str) -> Clip:
-    feet = [
-        stands_still(leg, len(motion.times), grounded=grounded)
-        for leg, grounded in zip(stance.legs, stance.grounded, strict=True)
-    ]
-    settle(motion, feet, vault=0.0)
+    settle(motion, stands_still(stance, len(motion.times)), vault=0.0)
     return _finish(motion, stance, name, speed=0.0, duty=1.0, footfalls=(0.0, 0.0, 0.0, 0.0))
 
 

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from fauna.export.legs import Leg
 from fauna.export.motion import Steps
+from fauna.export.stance import Stance
 
 GRAVITY = 9.81
 """Metres per second squared."""
@@ -88,39 +89,47 @@ def stands(leg: Leg) -> Float[np.ndarray, " 3"]:
     return np.array([leg.sole[0], 0.0, leg.hip[2] + slant])
 
 
-def step_length(gait: Gait, legs: tuple[Leg, ...], hip_height: float) -> float:
-    """Way of a standing foot that all these legs can make, metres."""
-    room = [_SPREAD * leg.length - abs(stands(leg)[2] - leg.hip[2]) for leg in legs]
-    return min([gait.step * hip_height, *(2.0 * each for each in room)])
+def step_length(gait: Gait, stance: Stance) -> float:
+    """Way of a standing foot that all grounded legs can make, metres."""
+    room = [_SPREAD * leg.length - abs(stands(leg)[2] - leg.hip[2]) for leg in stance.standing]
+    return min([gait.step * stance.hip_height, *(2.0 * each for each in room)])
 
 
-def steps_of(gait: Gait, leg: Leg, footfall: float, *, step: float, lift: float, grounded: bool) -> Steps:
-    """The way of one foot through a stride, the first frame again at its end.
+def footfalls_of(gait: Gait, stance: Stance) -> tuple[float, ...]:
+    """When each foot comes down; legs that lie in each other together."""
+    return tuple(gait.footfalls[leg] for leg in stance.follows)
 
-    On the ground it goes backwards at one speed; in the air a cubic takes it to the front with the same speed at both ends.
 
-    Args:
-        gait: which.
-        leg: whose foot.
-        footfall: phase at which it comes down.
-        step: way on the ground, metres.
-        lift: height in the air, metres.
-        grounded: see :class:`fauna.export.motion.Steps`.
+def strides(gait: Gait, stance: Stance, step: float) -> tuple[Steps, ...]:
+    """The way of every foot through a stride, the first frame again at its end."""
+    lift, feet = gait.lift * stance.hip_height, []
+    for leg, footfall, grounded, followed in zip(
+        stance.legs, footfalls_of(gait, stance), stance.grounded, stance.follows, strict=True
+    ):
+        offsets, share = _path(gait, footfall, step)
+        places = stands(leg) + np.outer(share, (0.0, lift, 0.0)) + np.outer(offsets, (0.0, 0.0, 1.0))
+        feet.append(Steps(leg, places, share, grounded, stance.legs[followed].joints.front))
+    return tuple(feet)
+
+
+def _path(gait: Gait, footfall: float, step: float) -> tuple[Float[np.ndarray, " frame"], Float[np.ndarray, " frame"]]:
+    """Place along z and share of the lift.
+
+    On the ground a foot goes backwards at one speed; in the air a cubic takes it to the front with that speed at both ends.
     """
     phase = (np.arange(gait.frames + 1) / gait.frames - footfall) % 1.0
     phase = np.where(phase > 1.0 - 1e-9, 0.0, phase)
     swing = ((phase - gait.duty) / (1.0 - gait.duty)).clip(0.0, 1.0)
-    ground = step * (0.5 - phase / gait.duty)
     slope = -step * (1.0 - gait.duty) / gait.duty
     air = step * (-2.0 * swing**3 + 3.0 * swing**2 - 0.5) + slope * (2.0 * swing**3 - 3.0 * swing**2 + swing)
     in_air = phase > gait.duty + 1e-9
-    share = np.where(in_air, np.sin(np.pi * swing) ** 2, 0.0)
-    places = np.tile(stands(leg), (gait.frames + 1, 1))
-    places[:, 1] += lift * share
-    places[:, 2] += np.where(in_air, air, ground)
-    return Steps(leg, places, share, grounded)
+    offsets = np.where(in_air, air, step * (0.5 - phase / gait.duty))
+    return offsets, np.where(in_air, np.sin(np.pi * swing) ** 2, 0.0)
 
 
-def stands_still(leg: Leg, frames: int, *, grounded: bool) -> Steps:
-    """A foot that stays where it is."""
-    return Steps(leg, np.tile(stands(leg), (frames, 1)), np.zeros(frames), grounded)
+def stands_still(stance: Stance, frames: int) -> tuple[Steps, ...]:
+    """Feet that stay where they are."""
+    return tuple(
+        Steps(leg, np.tile(stands(leg), (frames, 1)), np.zeros(frames), grounded, stance.legs[followed].joints.front)
+        for leg, grounded, followed in zip(stance.legs, stance.grounded, stance.follows, strict=True)
+    )

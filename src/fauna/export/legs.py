@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 from scipy.spatial.transform import Rotation
 
 from fauna.export.animal import RiggedAnimal
@@ -12,10 +12,13 @@ from fauna.export.joints import LEGS, LegJoints
 _SOLE_BAND = 0.03
 """Vertices that the foot carries and that lie so little above its lowest one are the sole; share of the leg's length."""
 
+_SOLE_REACH = 0.35
+"""Vertices farther from the end of the foot bone are something else; share of the leg's length."""
+
 _MAX_BEND = 2.4
 """Largest angle of a knee, radians."""
 
-_HALVINGS = 32
+_HALVINGS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +61,10 @@ def legs_of(animal: RiggedAnimal) -> tuple[Leg, ...]:
 def _leg(animal: RiggedAnimal, joints: LegJoints) -> Leg:
     upper, _, foot = joints.joints
     sole = animal.ends[foot]
+    length = np.linalg.norm(sole - animal.starts[upper])
     carried = animal.vertices[animal.influences[:, 0] == foot]
+    carried = carried[np.linalg.norm(carried - sole, axis=1) < _SOLE_REACH * length]
     if len(carried):
-        length = np.linalg.norm(sole - animal.starts[upper])
         lowest = carried[:, 1].min()
         band = carried[carried[:, 1] <= lowest + _SOLE_BAND * length]
         sole = np.array([band[:, 0].mean(), lowest, band[:, 2].mean()])
@@ -84,31 +88,39 @@ def bend(
     Returns:
         Rotation of each bone against its parent, in rest axes.
     """
-    wanted = np.linalg.norm(targets, axis=1)
+    plane, along = _in_plane(leg)
+    wanted = np.linalg.norm(targets, axis=1) ** 2 - along.sum() ** 2
     low, high = np.zeros(len(targets)), _MAX_BEND / np.abs(bends).max(axis=1)
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        too_long = np.linalg.norm(_sole(leg, middle[:, None] * bends), axis=1) > wanted
+        too_long = np.abs(_folded(plane, middle[:, None] * bends)) ** 2 > wanted
         low, high = np.where(too_long, middle, low), np.where(too_long, high, middle)
     angles = low[:, None] * bends
-    hip = shortest_turn(_sole(leg, angles), targets)
+    folded = _folded(plane, angles)
+    upright = np.cross(leg.axis, _across(leg))
+    sole = np.outer(folded.real, _across(leg)) + np.outer(folded.imag, upright) + along.sum() * leg.axis
     knee, ankle = (Rotation.from_rotvec(angles[:, [joint]] * leg.axis).as_matrix() for joint in range(2))
-    return np.stack((hip, knee, ankle), axis=1)
+    return np.stack((shortest_turn(sole, targets), knee, ankle), axis=1)
 
 
-def _sole(leg: Leg, angles: Float[np.ndarray, "frame 2"]) -> Float[np.ndarray, "frame 3"]:
-    """The sole seen from the hip after bending knee and ankle only."""
-    upper, lower, foot = np.diff(leg.points, axis=0)
-    below = _about(leg.axis, angles[:, 1], np.broadcast_to(foot, (len(angles), 3)))
-    return upper + _about(leg.axis, angles[:, 0], lower + below)
+def _across(leg: Leg) -> Float[np.ndarray, " 3"]:
+    """A unit vector perpendicular to the axis: the direction from hip to ankle, which lies so up to rounding."""
+    line = leg.points[2] - leg.points[0]
+    line = line - leg.axis * (leg.axis @ line)
+    return line / max(float(np.linalg.norm(line)), 1e-12)
 
 
-def _about(
-    axis: Float[np.ndarray, " 3"], angles: Float[np.ndarray, " frame"], vectors: Float[np.ndarray, "frame 3"]
-) -> Float[np.ndarray, "frame 3"]:
-    """Vectors turned about an axis (Rodrigues' formula); a bisection needs it too often for a library's objects."""
-    along = np.outer(vectors @ axis, axis)
-    return along + np.cos(angles)[:, None] * (vectors - along) + np.sin(angles)[:, None] * np.cross(axis, vectors)
+def _in_plane(leg: Leg) -> tuple[Complex[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+    """The three bones as complex numbers in the plane they bend in, a turn about the axis being a factor, and along it."""
+    bones = np.diff(leg.points, axis=0)
+    across = _across(leg)
+    return bones @ across + 1j * (bones @ np.cross(leg.axis, across)), bones @ leg.axis
+
+
+def _folded(plane: Complex[np.ndarray, " 3"], angles: Float[np.ndarray, "frame 2"]) -> Complex[np.ndarray, " frame"]:
+    """From the hip to the sole after bending knee and ankle only."""
+    turns = np.exp(1j * angles)
+    return plane[0] + turns[:, 0] * (plane[1] + turns[:, 1] * plane[2])
 
 
 def shortest_turn(

@@ -28,12 +28,14 @@ class Steps:
         places: (frame, 3) of the sole, metres.
         lift: (frame,) 0 on the ground, 1 where it is highest.
         grounded: the foot reaches the ground.
+        as_front: it bends as a front leg does.
     """
 
     leg: Leg
     places: Float[np.ndarray, "frame 3"]
     lift: Float[np.ndarray, " frame"]
     grounded: bool
+    as_front: bool
 
     @property
     def standing(self) -> Bool[np.ndarray, " frame"]:
@@ -103,7 +105,7 @@ class Motion:
             return
         rotation, hip = self.carried(steps.leg)
         targets = np.einsum("fba,fb->fa", rotation, steps.places - hip)
-        standing, lifted = (np.array(fold) for fold in _FOLD[steps.leg.joints.front])
+        standing, lifted = (np.array(fold) for fold in _FOLD[steps.as_front])
         bends = standing + steps.lift[:, None] * (lifted - standing)
         self.turns[:, list(steps.leg.joints.joints)] = bend(steps.leg, targets, bends)
 

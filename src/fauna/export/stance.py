@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from fauna.export.animal import RiggedAnimal
-from fauna.export.joints import REAR_CHAIN
+from fauna.export.joints import ROOT
 from fauna.export.legs import Leg, legs_of
 from fauna.export.motion import Motion, Steps
 
@@ -17,6 +17,9 @@ _FLOATING = 0.2
 
 _SHORTEST = 0.35
 """A leg whose hip is lower is no leg; share of the highest hip."""
+
+_CROWDED = 0.4
+"""A front foot that stands so little before the hind foot is in the same leg; share of the back's height."""
 
 _MAX_PITCH_DEG = 12.0
 
@@ -28,12 +31,14 @@ class Stance:
     Attributes:
         legs: all four.
         grounded: which of them reach the ground.
-        hip_height: mean over these, metres.
+        follows: index of the leg whose footfalls each leg has: its own, or the one behind it that it lies in.
+        hip_height: mean over the grounded legs, metres.
         notes: what is doubtful, one sentence each.
     """
 
     legs: tuple[Leg, ...]
     grounded: tuple[bool, ...]
+    follows: tuple[int, ...]
     hip_height: float
     notes: tuple[str, ...]
 
@@ -45,27 +50,30 @@ class Stance:
 
 def stance_of(animal: RiggedAnimal) -> Stance:
     """Look at the legs of an animal at rest."""
-    legs, back = legs_of(animal), float(animal.starts[0, 1])
+    legs, back = legs_of(animal), float(animal.starts[ROOT, 1])
     highest = max(leg.hip[1] for leg in legs)
     grounded = tuple(bool(leg.sole[1] < _FLOATING * back and leg.hip[1] > _SHORTEST * highest) for leg in legs)
     if not any(grounded):
-        grounded = tuple(leg is max(legs, key=lambda each: each.length) for leg in legs)
-    heights = [leg.hip[1] for leg, on_ground in zip(legs, grounded, strict=True) if on_ground]
-    notes = [
-        f"the {_words(leg)} leg does not reach the ground and is not animated"
-        for leg, on_ground in zip(legs, grounded, strict=True)
-        if not on_ground
-    ]
-    notes += [
-        f"the {_words(leg)} leg hangs behind the middle of the back: its bones may lie in another leg"
-        for leg in legs
-        if leg.joints.front and leg.parent in REAR_CHAIN
-    ]
-    return Stance(legs, grounded, float(np.mean(heights)), tuple(notes))
+        grounded = tuple(leg.hip[1] == highest for leg in legs)
+    follows = [0, 1, 2, 3]
+    for front, hind in ((0, 2), (1, 3)):
+        gap = legs[front].sole[2] - legs[hind].sole[2]
+        if grounded[front] and grounded[hind] and gap < _CROWDED * back:
+            follows[front] = hind
+    height = float(np.mean([leg.hip[1] for leg, on_ground in zip(legs, grounded, strict=True) if on_ground]))
+    return Stance(legs, grounded, tuple(follows), height, _notes(legs, grounded, follows))
 
 
-def _words(leg: Leg) -> str:
-    return leg.joints.name.replace("_", " ")
+def _notes(legs: Sequence[Leg], grounded: Sequence[bool], follows: Sequence[int]) -> tuple[str, ...]:
+    notes = []
+    for end, pair in (("front", (0, 1)), ("hind", (2, 3))):
+        if not all(grounded[leg] for leg in pair):
+            notes.append(f"{end} legs: their bones do not reach the ground, clips leave them straight")
+        if any(follows[leg] != leg for leg in pair):
+            notes.append(f"{end} legs: their bones lie in the other legs and go with them")
+        elif end == "front" and any(legs[leg].hip[2] < 0.0 for leg in pair):
+            notes.append("front legs: their bones hang behind the middle of the back")
+    return tuple(notes)
 
 
 def settle(motion: Motion, steps: Sequence[Steps], *, vault: float) -> None:
@@ -78,7 +86,7 @@ def settle(motion: Motion, steps: Sequence[Steps], *, vault: float) -> None:
             low as it has to be at its lowest.
     """
     grounded = [each for each in steps if each.grounded]
-    ends = [[each for each in grounded if each.leg.joints.front == front] for front in (True, False)]
+    ends = [[each for each in grounded if each.as_front == front] for front in (True, False)]
     places = [float(np.mean([each.leg.hip[2] for each in end])) if end else 0.0 for end in ends]
     apart = places[0] - places[1]
     if all(ends) and apart > 0.0:
