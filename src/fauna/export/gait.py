@@ -1,7 +1,8 @@
 """Gaits: which foot is on the ground when, and where it is relative to the body, which stays in place.
 
 Times and lengths follow the legs: animals of different size move alike when lengths are measured in hip heights h and
-times in sqrt(h / g) (Alexander and Jayes, "A dynamic similarity hypothesis for the gaits of quadrupedal mammals", 1983).
+times in sqrt(h / g) (Alexander and Jayes, "A dynamic similarity hypothesis for the gaits of quadrupedal mammals",
+1983).
 """
 
 from dataclasses import dataclass

@@ -77,8 +77,8 @@ def bend(
 ) -> Float[np.ndarray, "frame 3 3 3"]:
     """Turn the upper, lower and foot bone so that the sole comes to a target.
 
-    Knee and ankle bend in a given proportion, as far as the distance asks; the hip turns the bent leg towards the target
-    on the shortest way. A target out of reach is only pointed at.
+    Knee and ankle bend in a given proportion, as far as the distance asks; the hip turns the bent leg towards the
+    target on the shortest way. A target out of reach is only pointed at.
 
     Args:
         leg: at rest.
