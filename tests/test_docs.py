@@ -73,7 +73,7 @@ def test_architecture_lists_every_config_group():
     "document", [ROOT / "docs" / name for name in ("decisions.md", "data.md")], ids=lambda p: p.name
 )
 def test_named_keys_exist(document):
-    roots = GROUPS | {"seed", "resume", "out", "init_from", "init_components", "feature_lookup", "camera"}
+    roots = GROUPS | {"seed", "resume", "out", "init_from", "init_components", "feature_lookup", "batch_code", "camera"}
     keys = {span for span in spans(document) if re.fullmatch(r"[a-z]\w*(\.[a-z]\w*)+", span)}
     keys = {key for key in keys if key.split(".")[0] in roots and Path(key).suffix not in (".py", ".md", ".yaml")}
     configs = [composed(f"+experiment={name}") for name in ("laptop", "quadruped")]
