@@ -134,9 +134,10 @@ def main(argv: Sequence[str] | None = None) -> list[dict[str, Any]]:
     sets = {"zoo": zoo_batches(model, count)}
     if args.folder is not None:
         sets[args.folder.name] = folder_batches(model, args.folder, count)
-    rows = [row_of(name, [measure(model, batch, *work) for batch in batches]) for name, batches in sets.items()]
-    for row in rows:
-        print("  ".join(f"{field} {value}" for field, value in row.items()))
+    rows = []
+    for name, batches in sets.items():
+        rows.append(row_of(name, [measure(model, batch, *work) for batch in batches]))
+        print("  ".join(f"{field} {value}" for field, value in rows[-1].items()), flush=True)
     if args.json is not None:
         args.json.write_text(json.dumps(rows, indent=1) + "\n")
     return rows
