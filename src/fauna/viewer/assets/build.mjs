@@ -1,10 +1,11 @@
-// Bundles viewer.js and the parts of three.js it uses into viewer.min.js. See README.md.
+// Bundles viewer.js, what it imports, the parts of three.js it uses into viewer.min.js. See README.md.
 import { createHash } from "node:crypto";
 import { readFileSync } from "node:fs";
 import { build } from "esbuild";
 
 const { devDependencies } = JSON.parse(readFileSync("package.json"));
-const digest = createHash("sha256").update(readFileSync("viewer.js")).digest("hex");
+const sources = ["controls.js", "scene.js", "viewer.js"].map((name) => readFileSync(name));
+const digest = createHash("sha256").update(Buffer.concat(sources)).digest("hex");
 await build({
   entryPoints: ["viewer.js"],
   outfile: "viewer.min.js",
@@ -14,5 +15,5 @@ await build({
   target: "es2022",
   charset: "utf8",
   legalComments: "none",
-  banner: { js: `/* three.js ${devDependencies.three}, MIT, (c) three.js authors; viewer.js sha256 ${digest} */` },
+  banner: { js: `/* three.js ${devDependencies.three}, MIT, (c) three.js authors; our sources sha256 ${digest} */` },
 });
