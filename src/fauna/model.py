@@ -170,7 +170,7 @@ class FaunaModel(nn.Module):
             generator=None if draws is None else draws.generator("shading"),
         )
         return Reconstruction(
-            readout, code, base, instance, hypotheses, selection, camera, posed, renders, light, skeleton, pose
+            readout, code, base, instance, hypotheses, selection, camera, posed, renders, light, skeleton, pose, rows
         )
 
     def encode(self, batch: Batch) -> Features:

@@ -351,6 +351,7 @@ class Reconstruction:
         light: of each row.
         skeleton: rest bones, ``None`` while articulation is off.
         pose: bone angles of each row, ``None`` likewise.
+        embedding: learned image embeddings of each row: what fields are conditioned on.
     """
 
     readout: BankReadout
@@ -365,3 +366,4 @@ class Reconstruction:
     light: Light
     skeleton: Skeleton | None = None
     pose: Pose | None = None
+    embedding: ImageEmbedding | None = None

@@ -1,0 +1,71 @@
+"""The albedo of a reconstruction as a picture over its surface."""
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from torch import Tensor
+
+from fauna.appearance.base import Appearance
+from fauna.model import FaunaModel
+from fauna.texture.atlas import Texels, fill, texels_of, unwrap
+from fauna.texture.texture import BakedLight, Texture
+from fauna.texture.visible import Visible, one_row, see, texture_embedding
+from fauna.types import Reconstruction
+
+_BLOCK = 1 << 16
+"""Texels that go through the network at once."""
+
+
+@torch.no_grad()
+def bake(model: FaunaModel, out: Reconstruction, *, row: int = 0, size: int) -> Texture:
+    """Evaluate the albedo network all over the rest mesh (Sec. 3.1, "Appearance") and store it as an image.
+
+    Args:
+        model: whose appearance it is, e.g. fitted by :func:`fauna.texture.finetuning.finetune`.
+        out: its reconstruction.
+        row: of the reconstruction.
+        size: side of the image, texels.
+
+    Raises:
+        FaunaError: when there is no such row, or the size makes no sense.
+    """
+    out = one_row(out, row)
+    rest = out.instance.verts[_photo(out, row)]
+    atlas = unwrap(rest, out.base.faces, out.base.topology, size=size)
+    texels = texels_of(model.renderer, atlas, size)
+    seen = see(model.renderer, out, (out.renders.silhouette.shape[-2], out.renders.silhouette.shape[-1]))
+    light = _light(out, seen)
+    albedo = albedo_at(model.appearance, texels.interpolate(out.base.verts), texture_embedding(out))
+    image = _image(albedo * light.exposure, texels)
+    return Texture(*(each.cpu().numpy() for each in (atlas.vertex, atlas.faces, atlas.uv)), image, light)
+
+
+@torch.no_grad()
+def albedo_at(
+    appearance: Appearance, points: Float[Tensor, "point 3"], texture: Float[Tensor, "1 texture_chan"]
+) -> Float[Tensor, "point 3"]:
+    """Albedo at many canonical points of one row, in blocks."""
+    blocks = points.split(_BLOCK)
+    row = torch.zeros(_BLOCK, dtype=torch.long, device=points.device)
+    return torch.cat([appearance.albedo(block, texture, row[: len(block)]) for block in blocks])
+
+
+def _photo(out: Reconstruction, row: int) -> int:
+    """Entry of the instances' axis that a row shows."""
+    return 0 if out.instance.verts.shape[0] == 1 else int(out.selection.photo[row])
+
+
+def _light(out: Reconstruction, seen: Visible) -> BakedLight:
+    direction = out.camera.camera_from_world[0, :3, :3].T @ out.light.direction[0]
+    x, y, z = direction.tolist()
+    exposure = float(seen.intensity.mean()) if len(seen.pixels) else 1.0
+    return BakedLight((x, y, z), float(out.light.ambient[0]), float(out.light.diffuse[0]), max(exposure, 1e-3))
+
+
+def _image(colour: Float[Tensor, "texel 3"], texels: Texels) -> UInt8[np.ndarray, "size size 3"]:
+    size = texels.size
+    image = np.zeros((size * size, 3), np.uint8)
+    known = np.zeros(size * size, bool)
+    index = texels.index.cpu().numpy()
+    image[index], known[index] = (colour.clamp(0, 1) * 255).round().byte().cpu().numpy(), True
+    return fill(image.reshape(size, size, 3), known.reshape(size, size))
