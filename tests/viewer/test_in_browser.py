@@ -41,13 +41,13 @@ def test_console_and_network_stay_silent(seen):
 
 
 def test_clips_can_be_picked(seen):
-    for name in ("still", "Walk", "Death", "Spin"):
+    for name in ("rest pose", "Walk", "Death", "Spin"):
         assert f">{name}</option>" in seen.document
     assert 'id="play" type="button" title="Space"' in seen.document
 
 
 def test_buttons_change_the_picture(page, seen, tmp_path):
-    shown = look_at(page, tmp_path, fragment="clip=still,skeleton,wires,clay,paused")
+    shown = look_at(page, tmp_path, fragment="clip=rest%20pose,skeleton,wires,clay,paused")
     assert shown.console == []
     for name in ("skeleton", "wires", "clay"):
         assert f'<button id="{name}" type="button" aria-pressed="true"' in shown.document
