@@ -163,7 +163,8 @@ def _layers(picture: Image.Image, limit: int) -> list[Bool[np.ndarray, "height w
 
 def _stored(photograph: Photograph) -> tuple[int, int]:
     """Size of the photograph before it was turned upright."""
-    return photograph.size if photograph.orientation < 5 else photograph.size[::-1]
+    width, height = photograph.size
+    return (width, height) if photograph.orientation < 5 else (height, width)
 
 
 def _fitted(mask: Image.Image, photograph: Photograph) -> Bool[np.ndarray, "height width"]:

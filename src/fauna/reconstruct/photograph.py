@@ -163,7 +163,7 @@ def _finish(picture: Image.Image, kind: str, settings: PhotoSettings) -> Photogr
     rgb, alpha = oriented(rgb, orientation), None if alpha is None else oriented(alpha, orientation)
     if rgb.size[0] * rgb.size[1] < stored[0] * stored[1]:
         flags.append("reduced")
-    size = stored if orientation < 5 else stored[::-1]
+    size = stored if orientation < 5 else (stored[1], stored[0])
     return Photograph(
         image=np.array(rgb),
         alpha=None if alpha is None else np.array(alpha),

@@ -39,7 +39,7 @@ def preview(result: Result, *, cell: int) -> Image.Image:
     tint = shade * torch.tensor(TINT)[:, None, None]
     pictures = [
         _outlined(photo, fit, size),
-        photo * (1 - 0.7 * coverage) + 0.7 * coverage * tint,
+        photo * (1 - 0.6 * coverage) + 0.6 * coverage * tint,
         (shade * coverage + (1 - coverage)).expand(3, -1, -1),
         colour + (1 - coverage),
         F.interpolate(shape_view(fit.model, fit.out.posed, "side", cell)[None], (size, size))[0].cpu(),
@@ -84,7 +84,9 @@ def _photo(fit: Fit, size: int) -> Float[Tensor, "3 size size"]:
 def _outlined(photo: Float[Tensor, "3 size size"], fit: Fit, size: int) -> Float[Tensor, "3 size size"]:
     """The photograph, darker around the mask, with the mask's outline."""
     mask = np.array(Image.fromarray(fit.mask).resize((size, size), Image.Resampling.NEAREST))
-    line = torch.from_numpy(binary_dilation(mask, iterations=2) & ~binary_erosion(mask, iterations=2))
+    line = torch.from_numpy(
+        np.asarray(binary_dilation(mask, iterations=2)) & ~np.asarray(binary_erosion(mask, iterations=2), bool)
+    )
     darker = photo * torch.where(torch.from_numpy(mask), 1.0, 0.55)
     return torch.where(line, torch.tensor(OUTLINE)[:, None, None], darker)
 

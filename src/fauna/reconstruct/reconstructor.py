@@ -17,7 +17,7 @@ from fauna.data.cut import cut
 from fauna.data.photos import RawPhoto
 from fauna.data.single import crop_batch
 from fauna.errors import FaunaError
-from fauna.masks.animals import split_animals, touched_border
+from fauna.masks.animals import extent, split_animals, touched_border
 from fauna.masks.base import Segmenter
 from fauna.model import FaunaModel
 from fauna.reconstruct.clock import Clock
@@ -132,18 +132,18 @@ class Reconstructor:
     ) -> tuple[list[Bool[np.ndarray, "height width"]], tuple[str, ...]]:
         """Each animal's mask, largest first, and flags."""
         limits = self.settings.mask
-        shares = {"animal_share": limits.animal_share, "speck_share": limits.speck_share}
-        animals = [animal for mask in found.masks for animal in split_animals(mask, **shares)]
+        parts = {"animal_share": limits.animal_share, "speck_share": limits.speck_share, "same_gap": limits.same_gap}
+        animals = [animal for mask in found.masks for animal in split_animals(mask, **parts)]
         if not animals:
             what = "nothing that stands out" if found.source == "segmenter" else "an empty mask"
             raise Refused("no_animal", f"{photograph.name}: expected an animal, got {what}; give a mask of the animal")
         animals.sort(key=lambda animal: -int(animal.sum()))
-        large = [animal for animal in animals if _extent(animal) * photograph.scale >= limits.min_extent]
+        large = [animal for animal in animals if extent(animal) * photograph.scale >= limits.min_extent]
         if not large:
             raise Refused(
                 "too_small",
                 f"{photograph.name}: expected an animal of at least {limits.min_extent} pixels, got "
-                f"{_extent(animals[0]) * photograph.scale:.0f}; use a larger photograph",
+                f"{extent(animals[0]) * photograph.scale:.0f}; use a larger photograph",
             )
         flags = ("several_animals",) if len(large) > 1 else ()
         return large[: limits.max_animals], flags + (("more_animals",) if len(large) > limits.max_animals else ())
@@ -249,11 +249,6 @@ def _photo_facts(photograph: Photograph) -> InputFacts:
         size=photograph.size,
         orientation=photograph.orientation,
     )
-
-
-def _extent(mask: Bool[np.ndarray, "height width"]) -> int:
-    rows, columns = np.nonzero(mask)
-    return int(max(np.ptp(rows), np.ptp(columns))) + 1
 
 
 def _scaled(box: CropBox, scale: float) -> CropBox:

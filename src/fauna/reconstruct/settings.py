@@ -45,6 +45,7 @@ class MaskSettings:
         segmenter: for photographs without a mask: ``grabcut``, ``sam[:MODEL]`` or ``rembg[:MODEL]``.
         animal_share: parts of a mask with this share of the largest part's area are animals of their own.
         speck_share: smaller parts are dropped; those between belong to the nearest animal.
+        same_gap: widest gap between two parts of one animal, extents of its larger part.
         max_animals: of a photograph.
         max_pixels: of a mask's file.
         min_extent: longer side of an animal's bounding box, pixels of the photograph.
@@ -57,6 +58,7 @@ class MaskSettings:
     segmenter: str
     animal_share: float
     speck_share: float
+    same_gap: float
     max_animals: int
     max_pixels: int
     min_extent: int
