@@ -4,15 +4,20 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fauna.model import FaunaModel
+    from fauna.reconstruct.load import load
 
 __version__ = "0.1.0"
-__all__ = ["FaunaModel", "__version__"]
+__all__ = ["FaunaModel", "__version__", "load"]
 
 
 def __getattr__(name: str) -> Any:
-    """``fauna.FaunaModel``, imported when first asked for, so that the commands start at once."""
+    """``fauna.FaunaModel`` and ``fauna.load``, imported when first asked for, so that the commands start at once."""
     if name == "FaunaModel":
         from fauna.model import FaunaModel
 
         return FaunaModel
+    if name == "load":
+        from fauna.reconstruct.load import load
+
+        return load
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

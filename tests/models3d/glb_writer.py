@@ -107,8 +107,10 @@ def write_quadruped(path: Path, *, clips: bool = True, squeeze: float = 1.0) -> 
             node["children"] = children
     inverse = np.tile(np.eye(4), (len(names), 1, 1))
     inverse[:, :3, 3] = [-place[name] for name in names]
+    places = (surface.verts * scale).astype(np.float32)
+    bounds = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
     attributes = {
-        "POSITION": writer.add(surface.verts * scale, "f4"), "JOINTS_0": writer.add(best, "u1"),
+        "POSITION": writer.add(places, "f4", **bounds), "JOINTS_0": writer.add(best, "u1"),
         "WEIGHTS_0": writer.add(shares / shares.sum(1, keepdims=True), "f4"),
     }  # fmt: skip
     primitive = {"attributes": attributes, "indices": writer.add(surface.faces.ravel(), "u4"), "material": 0}

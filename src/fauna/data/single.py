@@ -54,6 +54,20 @@ def single_photo(encoder: Encoder, image: np.ndarray, mask: np.ndarray, *, crop:
         raw = RawPhoto(*cut(Image.fromarray(image), marked, mask_window(marked), size), None)
     else:
         raw = RawPhoto(image, marked, None, None)
+    return crop_batch(encoder, raw, size=size)
+
+
+def crop_batch(encoder: Encoder, raw: RawPhoto, *, size: int) -> Batch:
+    """A batch of one crop.
+
+    Args:
+        encoder: that the batch is made for.
+        raw: the crop.
+        size: side that image and mask are brought to, pixels.
+
+    Raises:
+        FaunaError: when nothing of the animal is left at this size.
+    """
     photo = Photo("photo", "unknown", "photo", ArraySource(raw))
     loader = PhotoLoader(encoder=encoder, image_size=size, valid_margin=0.0, cache_features=False, memory_megabytes=0)
     return loader.batch([photo], [False], None)

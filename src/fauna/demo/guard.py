@@ -1,0 +1,223 @@
+"""What stands between the network and Gradio: known addresses only, bounded bodies, no foreign host, no foreign content.
+
+Gradio offers many routes that this page does not use. Rather than trusting each of them, only those that the page calls are let
+through; everything else is answered with 404 here.
+"""
+
+import json
+import re
+from collections.abc import Awaitable, Callable, MutableMapping
+from typing import Any
+from urllib.parse import unquote
+
+Scope = MutableMapping[str, Any]
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+READ = re.compile(
+    r"/|/config|/theme\.css|/favicon\.ico|/manifest\.json|/(assets|static|svelte)/[\w./@+-]+"
+    r"|/gradio_api/(info|app_id|startup-events|heartbeat/\w+|queue/data|upload_progress|theme\.css|file=.+)"
+)
+"""Addresses that may be read, without query."""
+UPLOAD = re.compile(r"/gradio_api/upload")
+CALL = re.compile(r"/gradio_api/(queue/join|cancel|reset)/?")
+"""Addresses that take JSON."""
+MAX_CALL = 65536
+"""Bytes of JSON; photographs come by upload."""
+OVERHEAD = 65536
+"""Bytes that an upload's form may need around the file."""
+
+HEADERS = {
+    "content-security-policy": (
+        "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+        "img-src 'self' data: blob:; connect-src 'self' blob: data:; font-src 'self' data:; media-src 'self' blob: data:; "
+        "frame-src 'self' blob: data:; worker-src 'self' blob:; frame-ancestors 'none'; base-uri 'self'; form-action 'self'; object-src 'none'"
+    ),
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+}
+
+
+class Guard:
+    """ASGI middleware.
+
+    Args:
+        app: what is guarded.
+        hosts: values of the Host header that are answered, without port; empty for any. A page elsewhere that points its own
+            name at this computer gets no answer.
+        max_upload: bytes of an uploaded file.
+    """
+
+    def __init__(self, app: App, *, hosts: frozenset[str], max_upload: int) -> None:
+        self.app = app
+        self.hosts = hosts
+        self.max_upload = max_upload
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let a request through or answer it."""
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+            return
+        if scope["type"] != "http":
+            return  # no websockets here
+        status, limit = self._judge(scope)
+        if status:
+            await _answer(send, *status)
+            return
+        counted = _Counted(receive, limit)
+        if CALL.fullmatch(scope["path"]) and scope["method"] == "POST":
+            body = await counted.all()
+            if body is None or not _harmless(body):
+                await _answer(send, 413 if body is None else 400, "expected a small call with files of this page only")
+                return
+            await self.app(scope, _replay(body, receive), _with_headers(send))
+            return
+        await self._pass(scope, counted, send)
+
+    async def _pass(self, scope: Scope, counted: "_Counted", send: Send) -> None:
+        begun = False
+
+        async def watched(message: Message) -> None:
+            nonlocal begun
+            if counted.exceeded and not begun:
+                begun = True
+                await _answer(send, 413, self._too_large)
+            elif not counted.exceeded:
+                begun = True
+                await _with_headers(send)(message)
+
+        try:
+            await self.app(scope, counted, watched)
+        except _TooLarge:
+            if not begun:
+                await _answer(send, 413, self._too_large)
+
+    def _judge(self, scope: Scope) -> tuple[tuple[int, str] | None, int]:
+        """An answer, or ``None``; and how many bytes the body may have."""
+        headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        path, method = scope["path"], scope["method"]
+        if self.hosts and _hostname(headers.get("host", "")) not in self.hosts:
+            return (421, "expected this computer's own address; open the page as it was printed"), 0
+        if not _plain_path(path, scope.get("raw_path") or path.encode()):
+            return (400, "expected a plain address"), 0
+        if method in ("GET", "HEAD") and READ.fullmatch(path):
+            return None, 0
+        if method == "POST" and (UPLOAD.fullmatch(path) or CALL.fullmatch(path)):
+            limit = MAX_CALL if CALL.fullmatch(path) else self.max_upload + OVERHEAD
+            length = headers.get("content-length", "0")
+            if not length.isdigit() or int(length) > limit:
+                return (413, self._too_large), 0
+            return None, limit
+        return (404, "no such page"), 0
+
+    @property
+    def _too_large(self) -> str:
+        return f"expected at most {self.max_upload // 2**20} MB, got more; make the photograph smaller"
+
+
+class _TooLarge(Exception):
+    """The body goes on beyond its limit."""
+
+
+class _Counted:
+    """A body that ends when it is too long.
+
+    Args:
+        receive: the server's.
+        limit: bytes.
+    """
+
+    def __init__(self, receive: Receive, limit: int) -> None:
+        self.receive = receive
+        self.left = limit
+        self.exceeded = False
+
+    async def __call__(self) -> Message:
+        message = await self.receive()
+        self.left -= len(message.get("body", b""))
+        if self.left < 0:
+            self.exceeded = True
+            raise _TooLarge
+        return message
+
+    async def all(self) -> bytes | None:
+        """The whole body, ``None`` when it is too long or breaks off."""
+        parts = []
+        try:
+            while True:
+                message = await self()
+                if message["type"] != "http.request":
+                    return None
+                parts.append(message.get("body", b""))
+                if not message.get("more_body"):
+                    return b"".join(parts)
+        except _TooLarge:
+            return None
+
+
+def _replay(body: bytes, receive: Receive) -> Receive:
+    """The body once, then whatever else comes."""
+    waiting = [{"type": "http.request", "body": body, "more_body": False}]
+
+    async def again() -> Message:
+        return waiting.pop() if waiting else await receive()
+
+    return again
+
+
+def _harmless(body: bytes) -> bool:
+    """Whether it is JSON in which no file lies at an address of the network: Gradio would fetch it."""
+    try:
+        content = json.loads(body or b"null")
+    except (ValueError, RecursionError):
+        return False
+    waiting = [content]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, dict):
+            place = node.get("path")
+            if isinstance(place, str) and re.match(r"\s*[A-Za-z][A-Za-z0-9+.-]*:", place):
+                return False
+            waiting += node.values()
+        elif isinstance(node, list):
+            waiting += node
+    return True
+
+
+def _plain_path(path: str, raw: bytes) -> bool:
+    """No step upwards, no backslash, no control character, however often it was encoded."""
+    text = raw.decode("latin-1")
+    for _ in range(4):
+        if any(part == ".." for part in re.split(r"[/\\=]", text)) or re.search(r"[\\\x00-\x1f]", text):
+            return False
+        text = unquote(text)
+    return ".." not in re.split(r"[/\\=]", path)
+
+
+def _hostname(host: str) -> str:
+    return host[1 : host.index("]")] if host.startswith("[") and "]" in host else host.split(":")[0].lower()
+
+
+def _with_headers(send: Send) -> Send:
+    async def extended(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            ours = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
+            kept = [pair for pair in message.get("headers", []) if pair[0].decode("latin-1").lower() not in HEADERS]
+            message = {**message, "headers": kept + ours}
+        await send(message)
+
+    return extended
+
+
+async def _answer(send: Send, status: int, text: str) -> None:
+    body = (text + "\n").encode()
+    headers = [
+        (b"content-type", b"text/plain; charset=utf-8"),
+        (b"content-length", str(len(body)).encode()),
+        (b"connection", b"close"),
+    ]
+    await _with_headers(send)({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": body})

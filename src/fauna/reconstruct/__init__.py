@@ -1,0 +1,1 @@
+"""From one photograph to a rigged, textured animal: the command ``fauna-reconstruct`` and :func:`fauna.load`."""

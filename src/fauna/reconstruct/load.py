@@ -1,0 +1,47 @@
+"""From a name to a :class:`~fauna.reconstruct.reconstructor.Reconstructor`."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+
+from fauna.evaluation.weights import file_digest, locate
+from fauna.masks.grabcut import GrabCut
+from fauna.masks.registry import build_segmenter
+from fauna.pretrained.load import load_model
+from fauna.pretrained.shipped import PRETRAINED
+from fauna.reconstruct.reconstructor import Reconstructor
+from fauna.reconstruct.result import Weights
+from fauna.reconstruct.settings import Settings, default_settings
+
+
+def load(
+    name_or_path: str | Path | None = None,
+    *,
+    device: str | torch.device = "cpu",
+    settings: Settings | None = None,
+    segmenter: str | None = None,
+) -> Reconstructor:
+    """A trained model that reconstructs photographs: ``fauna.load().reconstruct("dog.jpg").save("out/dog")``.
+
+    Args:
+        name_or_path: ``None`` or ``"pretrained"`` is the model that ships with the package; else a weight file, a
+            checkpoint or a run's folder.
+        device: where the model goes.
+        settings: numbers and choices; ``None`` takes those of ``conf/reconstruct.yaml``.
+        segmenter: for photographs without a mask, in place of the settings': ``grabcut``, ``sam[:MODEL]``, ``rembg[:MODEL]``.
+
+    Raises:
+        FaunaError: when there is no such model or segmenter, or the device cannot be used.
+    """
+    chosen = default_settings() if settings is None else settings
+    if segmenter is not None:
+        chosen = replace(chosen, mask=replace(chosen.mask, segmenter=segmenter))
+    name = PRETRAINED if name_or_path is None else str(name_or_path)
+    model = load_model(name, device=device)
+    if chosen.output.resolution is not None:
+        model.shape.set_resolution(chosen.output.resolution)
+    path = locate(name)
+    weights = Weights(PRETRAINED if name == PRETRAINED else path.name, file_digest(path), model.encoder.fingerprint)
+    default = GrabCut(encoder=model.encoder, saliency=chosen.mask.saliency, options=chosen.mask.grabcut)
+    return Reconstructor(model, weights, chosen, build_segmenter(chosen.mask.segmenter, default))

@@ -1,0 +1,112 @@
+"""The files of one animal. ``result.json`` comes last: where it is, everything else is."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fauna.errors import FaunaError
+from fauna.io.contact_sheet import save_png
+from fauna.io.run_folder import write_json
+from fauna.reconstruct.clock import Clock
+from fauna.reconstruct.report import report
+from fauna.reconstruct.result import Fit, Result
+
+if TYPE_CHECKING:
+    from fauna.export import RiggedAnimal
+    from fauna.texture import Texture
+
+RESULT, PREVIEW, VIEWER = "result.json", "preview.png", "viewer.html"
+MODEL = "model"
+"""Stem of the model's files."""
+
+
+def texture(result: Result) -> "Texture | None":
+    """See :attr:`fauna.reconstruct.result.Result.texture`."""
+    fit, output = _fit(result), result.settings.output
+    if not output.texture_size:
+        return None
+    from fauna.texture import bake
+
+    return bake(fit.model, fit.out, size=output.texture_size, source=output.texture_source, batch=fit.batch)
+
+
+def rig(result: Result) -> "RiggedAnimal":
+    """See :meth:`fauna.reconstruct.result.Result.rigged`."""
+    from fauna.export import rig_reconstruction
+
+    fit = _fit(result)
+    return rig_reconstruction(fit.model, fit.out, name=result.name, texture=result.texture)
+
+
+def write(result: Result, folder: Path, **extra: object) -> None:
+    """Write everything the settings ask for into an existing folder.
+
+    Args:
+        result: also one without an animal; then ``result.json`` alone is written.
+        folder: where to.
+        extra: further keys of ``result.json``.
+    """
+    clock = Clock()
+    clock.seconds = dict(result.seconds)
+    files: list[str] = []
+    if result.fit is not None:
+        files = _models(result, folder, clock)
+        with clock.stage("preview"):
+            from fauna.reconstruct.preview import preview
+
+            save_png(preview(result, cell=result.settings.output.preview_cell), folder / PREVIEW)
+        files.append(PREVIEW)
+    content = report(result, seconds=clock.seconds, files=[*files, RESULT])
+    write_json({**content, **extra}, folder / RESULT)
+
+
+def _models(result: Result, folder: Path, clock: Clock) -> list[str]:
+    """Model, viewer and turntable; the names of the files."""
+    from fauna import export
+
+    output = result.settings.output
+    with clock.stage("texture"):
+        _ = result.texture
+    with clock.stage("rig"):
+        animal = result.rigged()
+    writers = {"glb": export.write_glb, "obj": export.write_obj, "ply": export.write_ply}
+    files = []
+    for kind in output.formats:
+        with clock.stage("export"):
+            writers[kind](animal, folder / f"{MODEL}.{kind}")
+    files += sorted(each.name for each in folder.iterdir() if each.stem == MODEL or each.name.startswith(f"{MODEL}."))
+    if output.viewer:
+        from fauna.viewer import write_viewer
+
+        with clock.stage("viewer"):
+            write_viewer(export.glb_bytes(animal), folder / VIEWER, title=result.name, facts=facts(result))
+        files.append(VIEWER)
+    if output.turntable:
+        from fauna.viewer import write_turntable
+
+        with clock.stage("turntable"):
+            files.append(write_turntable(animal, folder).name)
+    return files
+
+
+def facts(result: Result) -> Mapping[str, str]:
+    """What the viewer's page says about the animal."""
+    fit = _fit(result)
+    said = {
+        "photograph": result.source.file or "from memory",
+        "status": result.status.replace("_", " "),
+        "confidence": f"{result.confidence:.2f}",
+        "outline IoU": f"{fit.measures.iou:.2f}",
+        "vertices": str(fit.out.posed.verts.shape[1]),
+    }
+    if result.flags:
+        said["notes"] = ", ".join(flag.replace("_", " ") for flag in result.flags)
+    return said
+
+
+def _fit(result: Result) -> Fit:
+    if result.fit is None:
+        raise FaunaError(
+            f"{result.name}: expected a reconstructed animal, got none ({result.status}: {result.reason}); use another photograph"
+        )
+    return result.fit
