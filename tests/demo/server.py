@@ -1,5 +1,7 @@
 """The demo's server with a studio that needs no model: ``python -m tests.demo.server PORT FOLDER MAX_MB MAX_WAITING``."""
 
+import html
+import json
 import os
 import sys
 import threading
@@ -30,8 +32,6 @@ class FakeStudio:
         if not hasattr(self, "glb"):
             self.glb = write_quadruped(path).read_bytes()
         path.write_bytes(self.glb)
-        import html
-
         page = html.escape(viewer_html(self.glb, title="horse", facts={"asked with": str(fit_colours)}))
         with self.lock:
             self.now -= 1
@@ -50,9 +50,20 @@ def main() -> None:
     from fauna.demo.command import _listen
 
     app = build_app(FakeStudio(), folder, max_upload=max_mb * 2**20, max_waiting=max_waiting, host="127.0.0.1")  # type: ignore[arg-type]
+    (folder.parent / "routes.json").write_text(json.dumps(sorted(set(_paths(app.app)))))  # type: ignore[attr-defined]
     listener = _listen("127.0.0.1", port)
     print(f"port {listener.getsockname()[1]}", flush=True)
     uvicorn.Server(uvicorn.Config(app, log_level="warning")).run(sockets=[listener])
+
+
+def _paths(app, prefix=""):
+    """Every route of an application, of those mounted in it and of the routers it includes."""
+    for route in app.routes:
+        inner = getattr(route, "original_router", route)
+        if getattr(inner, "routes", None):
+            yield from _paths(inner, prefix + getattr(route, "path", ""))
+        elif hasattr(route, "path"):
+            yield prefix + route.path
 
 
 if __name__ == "__main__":
