@@ -45,7 +45,7 @@ def test_parents_come_first_in_the_document_too():
 
 
 def test_a_leg_hangs_where_the_model_hangs_it():
-    for seed in range(5):
+    for seed in range(2):
         rest = rest_animal(seed)
         rigged = rig_animal(RIG, rest, name="x", back_height=1.0)
         for leg in LEGS:

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from fauna.reconstruct import batch, command
+
 BONES = tuple(f"bone_{index}" for index in range(20))
 
 
@@ -92,3 +94,26 @@ def picture(tmp_path):
         return path, disc
 
     return make
+
+
+@pytest.fixture
+def call(tmp_path, monkeypatch, capsys, loaded, stand_ins):
+    """Run the command with the loaded model: exit code, stdout, stderr."""
+    loads = []
+
+    def get(self):
+        loads.append(self.settings)
+        return replace(loaded, settings=self.settings)
+
+    monkeypatch.setattr(batch.Loader, "get", get)
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["fauna-reconstruct", *map(str, arguments)])
+        try:
+            command.main()
+        except SystemExit as stop:
+            return int(stop.code or 0), *capsys.readouterr(), loads
+        raise AssertionError("main always ends the program")
+
+    return run

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fauna.reconstruct import batch, command
 from tests.runs import command as process
 
 QUICK = ("--no-finetune", "--no-texture")
@@ -24,31 +23,6 @@ def photos(tmp_path, drawn):
         Image.fromarray(marked.astype(np.uint8) * np.uint8(255)).save(folder / f"{name}_mask.png")
     (folder / "c.jpg").write_text("no picture")
     return folder
-
-
-@pytest.fixture
-def call(tmp_path, monkeypatch, capsys, loaded, stand_ins):
-    """Run the command with the loaded model: exit code, stdout, stderr."""
-    loads = []
-
-    def get(self):
-        loads.append(self.settings)
-        from dataclasses import replace
-
-        return replace(loaded, settings=self.settings)
-
-    monkeypatch.setattr(batch.Loader, "get", get)
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["fauna-reconstruct", *map(str, arguments)])
-        try:
-            command.main()
-        except SystemExit as stop:
-            return int(stop.code or 0), *capsys.readouterr(), loads
-        raise AssertionError("main always ends the program")
-
-    return run
 
 
 def test_help_and_bad_options_in_a_process_of_their_own():

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from trimesh.exchange.obj import export_obj
+from trimesh.exchange.ply import export_ply
 from trimesh.visual.material import SimpleMaterial
 from trimesh.visual.texture import TextureVisuals
 
@@ -34,7 +35,7 @@ def write_ply(animal: RiggedAnimal, path: Path) -> None:
         OSError: when the file cannot be written.
     """
     mesh = posed_mesh(animal)
-    path.write_bytes(mesh.export(file_type="ply", vertex_normal=True))
+    path.write_bytes(export_ply(mesh, vertex_normal=True))
 
 
 def posed_mesh(animal: RiggedAnimal) -> trimesh.Trimesh:

@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from jaxtyping import Float
+from torch import Tensor
+
 from fauna.geometry.half_turn import half_turn, turn_skeleton
 from fauna.geometry.skeleton import SkeletonOptions, rest_skeleton
 from fauna.geometry.skinning import bone_transforms, posed_bones, skin, skinning_weights
@@ -32,7 +35,20 @@ class Rig:
         found = rest_skeleton(verts, options=self.skeleton, legs_attached=legs_attached)
         return turn_skeleton(found) if self.turned else found
 
-    def pose(self, base: BaseShape, instance: InstanceShape, skeleton: Skeleton, pose: Pose) -> PosedMesh:
+    def weights(self, instance: InstanceShape, skeleton: Skeleton) -> Float[Tensor, "batch vert bone"]:
+        """Skinning weights of each instance, without gradient."""
+        return skinning_weights(
+            instance.verts.detach(), skeleton, temperature=self.skin_temperature, distance=self.skin_distance
+        )
+
+    def pose(
+        self,
+        base: BaseShape,
+        instance: InstanceShape,
+        skeleton: Skeleton,
+        pose: Pose,
+        weights: Float[Tensor, "batch vert bone"] | None = None,
+    ) -> PosedMesh:
         """Linear blend skinning of each row.
 
         Args:
@@ -40,10 +56,9 @@ class Rig:
             instance: rest mesh of each photo, or one for all. Skinning weights are computed per mesh, not per row.
             skeleton: rest bones of each photo, or one for all.
             pose: bone angles of each row; rows are photo-major.
+            weights: of :meth:`weights`, when they are at hand: they do not depend on the pose.
         """
-        weights = skinning_weights(
-            instance.verts.detach(), skeleton, temperature=self.skin_temperature, distance=self.skin_distance
-        )
+        weights = self.weights(instance, skeleton) if weights is None else weights
         transforms = bone_transforms(skeleton, pose.angles)
         starts, ends = posed_bones(skeleton, transforms)
         return PosedMesh(skin(instance.verts, weights, transforms), base.faces, base.verts, starts, ends)

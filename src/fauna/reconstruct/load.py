@@ -6,6 +6,7 @@ from pathlib import Path
 import torch
 
 from fauna.evaluation.weights import file_digest, locate
+from fauna.masks.grabcut import GrabCut
 from fauna.masks.registry import build_segmenter
 from fauna.pretrained.load import load_model
 from fauna.pretrained.shipped import PRETRAINED
@@ -42,4 +43,5 @@ def load(
         model.shape.set_resolution(chosen.output.resolution)
     path = locate(name)
     weights = Weights(PRETRAINED if name == PRETRAINED else path.name, file_digest(path), model.encoder.fingerprint)
-    return Reconstructor(model, weights, chosen, build_segmenter(chosen.mask.segmenter, model.encoder))
+    default = GrabCut(encoder=model.encoder, saliency=chosen.mask.saliency, options=chosen.mask.grabcut)
+    return Reconstructor(model, weights, chosen, build_segmenter(chosen.mask.segmenter, default))

@@ -9,6 +9,7 @@ import yaml
 
 from fauna._conf import CONF_DIR
 from fauna.errors import FaunaError
+from fauna.masks.options import GrabCutOptions, SaliencyOptions
 
 CROP_RULES = ("widen", "fauna")
 FORMATS = ("glb", "obj", "ply")
@@ -48,6 +49,8 @@ class MaskSettings:
         min_extent: longer side of an animal's bounding box, pixels of the photograph.
         alpha_shares: an alpha channel is a mask when the opaque share of the picture lies between these.
         alpha_decided: and at least this share of the pixels is nearly opaque or nearly transparent.
+        saliency: of the default segmenter.
+        grabcut: likewise.
     """
 
     segmenter: str
@@ -57,6 +60,8 @@ class MaskSettings:
     min_extent: int
     alpha_shares: tuple[float, float]
     alpha_decided: float
+    saliency: SaliencyOptions
+    grabcut: GrabCutOptions
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 from scipy import ndimage, sparse
 from torch import Tensor
 
@@ -107,8 +107,8 @@ def texels_of(renderer: Renderer, atlas: Atlas, size: int) -> Texels:
 
 
 def fill(
-    image: Float[np.ndarray, "size size chan"], known: Bool[np.ndarray, "size size"]
-) -> Float[np.ndarray, "size size chan"]:
+    image: Shaped[np.ndarray, "size size chan"], known: Bool[np.ndarray, "size size"]
+) -> Shaped[np.ndarray, "size size chan"]:
     """Give texels that show nothing the colour of the nearest one that does, so that filtering never meets black."""
     if not known.any():
         return image

@@ -11,7 +11,7 @@ from fauna.errors import FaunaError
 from fauna.geometry.camera import to_clip, transform_points
 from fauna.geometry.mesh import face_normals, vertex_normals
 from fauna.renderer.base import Renderer
-from fauna.types import Fragments, Light, PosedMesh, Reconstruction
+from fauna.types import Fragments, InstanceShape, Light, Pose, Reconstruction, Selection
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,9 @@ def texture_embedding(out: Reconstruction) -> Float[Tensor, "row texture_chan"]:
 
 
 def one_row(out: Reconstruction, row: int) -> Reconstruction:
-    """The same, with the cameras, poses, lights and embeddings of a single row; photos and renders are left alone.
+    """The same with a single row: its camera, pose, light, embedding and rest mesh; hypotheses and renders stay.
+
+    ``selection`` still says which photo of the batch it shows.
 
     Raises:
         FaunaError: when there is no such row.
@@ -78,7 +80,20 @@ def one_row(out: Reconstruction, row: int) -> Reconstruction:
     if not 0 <= row < rows:
         raise FaunaError(f"texture: expected a row from 0 to {rows - 1}, got {row}; give another one")
     index = torch.tensor([row], device=out.posed.verts.device)
-    light = Light(out.light.direction[index], out.light.ambient[index], out.light.diffuse[index])
-    posed: PosedMesh = out.posed.rows(index)
-    embedding = None if out.embedding is None else out.embedding.rows(index)
-    return replace(out, camera=out.camera.rows(index), posed=posed, light=light, embedding=embedding)
+    photo = out.selection.photo[index]
+    verts, offsets = out.instance.verts, out.instance.offsets
+    instance = InstanceShape(
+        verts if len(verts) == 1 else verts[photo], offsets if offsets is None or len(offsets) == 1 else offsets[photo]
+    )
+    skeleton = out.skeleton
+    return replace(
+        out,
+        instance=instance,
+        selection=Selection(photo, out.selection.hypothesis[index]),
+        camera=out.camera.rows(index),
+        posed=out.posed.rows(index),
+        light=Light(out.light.direction[index], out.light.ambient[index], out.light.diffuse[index]),
+        skeleton=skeleton if skeleton is None or len(skeleton.starts) == 1 else skeleton.rows(photo),
+        pose=None if out.pose is None else Pose(out.pose.angles[index]),
+        embedding=None if out.embedding is None else out.embedding.rows(index),
+    )

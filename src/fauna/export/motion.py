@@ -1,0 +1,125 @@
+"""A clip in the making: turns in rest axes, metres, feet on the ground."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial.transform import Rotation
+
+from fauna.export.animal import Clip, RiggedAnimal
+from fauna.export.joints import JOINT, NUM_JOINTS, ROOT
+from fauna.export.legs import Leg, bend
+
+_REACH = 0.99
+"""Share of a leg's length that a standing leg uses at most, so that knees never lock."""
+
+_FOLD = {True: ((-1.0, 0.7), (-0.7, 1.5)), False: ((1.0, -1.0), (1.1, -1.2))}
+"""Proportion of the angles of knee and ankle, standing and lifted, of front and hind legs: elbows point backwards and
+wrists fold back, knees point forwards and hocks backwards."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """What one foot does.
+
+    Attributes:
+        leg: whose.
+        places: (frame, 3) of the sole, metres.
+        lift: (frame,) 0 on the ground, 1 where it is highest.
+        grounded: the foot reaches the ground.
+        as_front: it bends as a front leg does.
+    """
+
+    leg: Leg
+    places: Float[np.ndarray, "frame 3"]
+    lift: Float[np.ndarray, " frame"]
+    grounded: bool
+    as_front: bool
+
+    @property
+    def standing(self) -> Bool[np.ndarray, " frame"]:
+        """Whether it carries."""
+        return (self.lift <= 0.0) & self.grounded
+
+
+@dataclass(eq=False)
+class Motion:
+    """Turns of the joints against their parents, in rest axes, and the root's translation.
+
+    Attributes:
+        animal: who moves.
+        times: (frame,) seconds.
+        turns: (frame, joint, 3, 3).
+        translation: (frame, 3) metres.
+    """
+
+    animal: RiggedAnimal
+    times: Float[np.ndarray, " frame"]
+    turns: Float[np.ndarray, "frame joint 3 3"] = field(init=False)
+    translation: Float[np.ndarray, "frame 3"] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.turns = np.tile(np.eye(3), (len(self.times), NUM_JOINTS, 1, 1))
+        self.translation = np.zeros((len(self.times), 3))
+
+    def turn(self, joint: str, *, pitch_deg: Any = 0.0, yaw_deg: Any = 0.0, roll_deg: Any = 0.0) -> None:
+        """Turn a joint, after what turned it before.
+
+        Args:
+            joint: its name.
+            pitch_deg: per frame or for all; about +x, lowers what lies in front.
+            yaw_deg: about +y, turns what lies in front to the animal's left.
+            roll_deg: about +z, raises the left side.
+        """
+        angles = np.stack(np.broadcast_arrays(yaw_deg, pitch_deg, roll_deg, self.times)[:3], axis=1)
+        at = JOINT[joint]
+        self.turns[:, at] = Rotation.from_euler("YXZ", angles, degrees=True).as_matrix() @ self.turns[:, at]
+
+    def carried(self, leg: Leg) -> tuple[Float[np.ndarray, "frame 3 3"], Float[np.ndarray, "frame 3"]]:
+        """Rotation of what a leg hangs from, and the place of its hip."""
+        rotation, place = np.eye(3), np.zeros(3)
+        chain = [leg.parent]
+        while chain[-1] != ROOT:
+            chain.append(int(self.animal.parents[chain[-1]]))
+        start = np.zeros(3)
+        for joint in reversed(chain):
+            place = place + rotation @ (self.animal.starts[joint] - start)
+            place = place + (self.translation if joint == ROOT else 0.0)
+            rotation, start = rotation @ self.turns[:, joint], self.animal.starts[joint]
+        return rotation, place + rotation @ (leg.hip - start)
+
+    def excess(self, steps: Steps) -> Float[np.ndarray, " frame"]:
+        """How much too high the hip is for the foot to stand, metres; negative where there is room, -inf in the air."""
+        _, hip = self.carried(steps.leg)
+        apart = steps.places - hip
+        square = (_REACH * steps.leg.length) ** 2 - apart[:, 0] ** 2 - apart[:, 2] ** 2
+        return np.where(steps.standing, -apart[:, 1] - np.sqrt(square.clip(min=0.0)), -np.inf)
+
+    def place_foot(self, steps: Steps) -> None:
+        """Bend a leg so that its sole is where it has to be; to be called when the spine is done.
+
+        A leg that does not reach the ground stays straight.
+        """
+        if not steps.grounded:
+            return
+        rotation, hip = self.carried(steps.leg)
+        targets = np.einsum("fba,fb->fa", rotation, steps.places - hip)
+        standing, lifted = (np.array(fold) for fold in _FOLD[steps.as_front])
+        bends = standing + steps.lift[:, None] * (lifted - standing)
+        self.turns[:, list(steps.leg.joints.joints)] = bend(steps.leg, targets, bends)
+
+    def clip(self, name: str, *, loop: bool, speed: float, extras: dict[str, Any]) -> Clip:
+        """The finished clip."""
+        frames = self.animal.frames
+        own = frames.swapaxes(1, 2) @ self.turns @ frames
+        quaternions = Rotation.from_matrix(own.reshape(-1, 3, 3)).as_quat(canonical=True)
+        return Clip(
+            name,
+            self.times,
+            quaternions.reshape(len(self.times), NUM_JOINTS, 4),
+            self.translation,
+            loop=loop,
+            speed=speed,
+            extras=extras,
+        )
