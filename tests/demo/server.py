@@ -1,6 +1,5 @@
 """The demo's server with a studio that needs no model: ``python -m tests.demo.server PORT FOLDER MAX_MB MAX_WAITING``."""
 
-import html
 import json
 import os
 import sys
@@ -20,8 +19,8 @@ class FakeStudio:
 
     def show(self, photo: Path, folder: Path, *, fit_colours: bool):
         """Half a second of work."""
-        from fauna.demo.studio import FRAME, Shown
-        from fauna.viewer import viewer_html
+        from fauna.demo.studio import Shown
+        from fauna.viewer import ViewerFrame, viewer_html
         from tests.models3d.glb_writer import write_quadruped
 
         with self.lock:
@@ -32,12 +31,12 @@ class FakeStudio:
         if not hasattr(self, "glb"):
             self.glb = write_quadruped(path).read_bytes()
         path.write_bytes(self.glb)
-        page = html.escape(viewer_html(self.glb, title="horse", facts={"asked with": str(fit_colours)}))
+        page = viewer_html(self.glb, title="horse", facts={"asked with": str(fit_colours)})
         with self.lock:
             self.now -= 1
         message = f"**ok**: {photo.stat().st_size} bytes, at most {self.most} at once"
         picture = np.full((40, 160, 3), 99, np.uint8)
-        return Shown(picture, FRAME.format(height=400, page=page), {"slot 3": 0.7, "slot 5": 0.3}, message, path)
+        return Shown(picture, ViewerFrame(page, 400).html(), {"slot 3": 0.7, "slot 5": 0.3}, message, path)
 
 
 def main() -> None:
