@@ -32,9 +32,8 @@ def run_notebook(path: Path, folder: Path, *, timeout: int):
     from nbclient import NotebookClient
 
     notebook = nbformat.read(path, as_version=4)
-    client = NotebookClient(
-        notebook, timeout=timeout, kernel_name="python3", resources={"metadata": {"path": str(folder)}}
-    )
+    place = {"metadata": {"path": str(folder)}}
+    client = NotebookClient(notebook, timeout=timeout, startup_timeout=timeout, kernel_name="python3", resources=place)
     return client.execute()
 
 

@@ -9,7 +9,7 @@ import hashlib
 import html
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -70,7 +70,7 @@ class ViewerFrame:
         height: in pixels.
     """
 
-    page: str
+    page: str = field(repr=False)
     height: int = 480
 
     def html(self) -> str:
