@@ -135,9 +135,9 @@ def test_the_head_is_at_plus_z(limits, tmp_path, already, flip):
     assert "global_flip" not in (out / shipped.METRICS).read_text()
     image, mask = blob("long", 0, size=32)
     photo, same = (each.reconstruct(image, mask, crop=False, size=32) for each in (model, before))
-    torch.testing.assert_close(photo.renders.silhouette, same.renders.silhouette, rtol=0, atol=1e-5)
+    torch.testing.assert_close(photo.renders.silhouette, same.renders.silhouette, rtol=0, atol=1e-4)
     sign = torch.tensor([-1.0, 1.0, -1.0]) if flip else torch.ones(3)
-    torch.testing.assert_close(photo.posed.verts, same.posed.verts * sign, rtol=0, atol=1e-5)
+    torch.testing.assert_close(photo.posed.verts, same.posed.verts * sign, rtol=0, atol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -223,8 +223,21 @@ def test_what_may_not_be_passed_on_is_refused():
         provenance(
             config_of({"_target_": "fauna.data.collections.PhotoCollections", "members": {"a": ZOO, "b": photos}})
         )
-    with pytest.raises(FaunaError, match="^init_from: .*w.ckpt"):
+    with pytest.raises(FaunaError, match="w.ckpt"):
         provenance(config_of(ZOO) | {"init_from": "w.ckpt"})
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_a_run_from_other_weights_needs_the_same_photographs(run, same):
+    """The weights it started from are asked what they learned from."""
+    config = read_weights(run)[1]["config"]
+    config["init_from"] = str(run)
+    if same:
+        assert provenance(config) == provenance({**config, "init_from": None})
+        return
+    config["data"]["source"]["seed"] += 1
+    with pytest.raises(FaunaError, match="^init_from: expected weights that learned from the same"):
+        provenance(config)
 
 
 def test_command(run, report, limits, tmp_path, monkeypatch, capsys):

@@ -9,6 +9,8 @@ from hydra.utils import get_object, instantiate
 from fauna.data.collections import PhotoCollections
 from fauna.data.sources import ZooPhotos
 from fauna.errors import FaunaError
+from fauna.evaluation.weights import locate
+from fauna.io.checkpoint import read_weights
 from fauna.models3d.catalogue import CATALOGUE, CC0, CC_BY, maker
 from fauna.models3d.source import Models3D
 
@@ -52,14 +54,20 @@ class Provenance:
 def provenance(config: Mapping[str, Any]) -> Provenance:
     """Of a run's configuration, with the paths it was trained with: the model files are listed from their folder.
 
+    A run may have started from the weights of another, if that learned from the same photographs.
+
     Raises:
-        FaunaError: when the run started from other weights, or learned from anything that may not be passed on.
+        FaunaError: when the run started from weights that are gone or learned from others, or learned from anything that may
+            not be passed on.
     """
     if config.get("init_from") is not None:
-        raise FaunaError(
-            f"init_from: expected a run that started from random weights, got one that started from {config['init_from']}; "
-            "what those were trained on is not known here"
-        )
+        before = read_weights(locate(str(config["init_from"])))[1]["config"]
+        if any(before["data"][key] != config["data"][key] for key in ("source", "held_out")):
+            raise FaunaError(
+                f"init_from: expected weights that learned from the same photographs, got {config['init_from']}, which learned "
+                "from others; publish a run of one dataset"
+            )
+        provenance(before)
     found = Provenance()
     for source in _members(config["data"]["source"]):
         kind = get_object(source["_target_"])

@@ -81,7 +81,8 @@ def publish(
     about = facts(path, metadata)
     measured = [read_report(folder, about["sha256"]) for folder in reports]
     turned = metadata["turned"] != head_is_at_minus_z(measured)
-    learned_from = provenance(metadata["config"])
+    original = metadata["config"]
+    learned_from = provenance(original)
     metadata = {**metadata, "config": without_machine(metadata["config"]), "turned": turned}
     half = all(torch.equal(value, value.half().float()) for value in tensors.values() if value.is_floating_point())
     weights = _weight_file(tensors, metadata, half=half)
@@ -95,7 +96,7 @@ def publish(
         "machine": machine,
         "metrics": metrics_section(metrics),
         "limits": _read_text(limits),
-        **_training_facts(metadata, about["step"], learned_from),
+        **_training_facts(metadata, original, about["step"], learned_from),
     }
     texts = {
         CONFIG: yaml.safe_dump(metadata["config"], sort_keys=False),
@@ -105,8 +106,10 @@ def publish(
     return _write(out, weights, texts)
 
 
-def _training_facts(metadata: Mapping[str, Any], step: int | None, learned_from: Provenance) -> dict[str, str]:
-    """What the card says about the training, by the names of its template."""
+def _training_facts(
+    metadata: Mapping[str, Any], original: Mapping[str, Any], step: int | None, learned_from: Provenance
+) -> dict[str, str]:
+    """What the card says about the training, by the names of its template; ``original`` is the configuration with its paths."""
     config = metadata["config"]
     held_out = list(config["data"]["held_out"])
     held_out += [f"{each.species} ({each.name})" for each in learned_from.held_out if each.species not in held_out]
@@ -121,7 +124,18 @@ def _training_facts(metadata: Mapping[str, Any], step: int | None, learned_from:
         "batch": str(config["data"]["batch_size"] * config["data"]["accumulate"]),
         "image_size": str(config["data"]["image_size"]),
         "turned": TURNED if metadata["turned"] else "",
+        "started": _started(original),
     }
+
+
+def _started(config: Mapping[str, Any]) -> str:
+    """A sentence on the run that these weights went on from."""
+    if config.get("init_from") is None:
+        return ""
+    before = read_weights(locate(str(config["init_from"])))[1]["config"]
+    parts = " and ".join(f"`{part}`" for part in config.get("init_components") or ["all parts"])
+    steps = f"{before['trainer']['max_steps']:,}"
+    return f" It began with {parts} of a run of {steps} steps on the same photographs; the hours count both."
 
 
 def _weight_file(tensors: Mapping[str, torch.Tensor], metadata: Mapping[str, Any], *, half: bool) -> bytes:

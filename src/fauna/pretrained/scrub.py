@@ -6,8 +6,8 @@ from typing import Any
 
 from fauna.errors import FaunaError
 
-MACHINE_KEYS = ("root", "split_file", "resume", "init_from", "save_dir", "folder")
-"""Keys whose value names files of one machine; they ship as null."""
+MACHINE_KEYS = ("root", "split_file", "resume", "init_from", "init_components", "save_dir", "folder")
+"""Keys whose value names files of one machine, or means nothing without them; they ship as null."""
 
 ABSOLUTE = re.compile(
     r"(?:^|[\s'\"(=\[,`:])((?:~|file://)?/[\w.~-]+(?:/[\w.~-]*)*|[A-Za-z]:[\\/][\w\\/.~-]*)", re.MULTILINE
