@@ -1,5 +1,6 @@
 """The demo's server with a studio that needs no model: ``python -m tests.demo.server PORT FOLDER MAX_MB MAX_WAITING``."""
 
+import json
 import os
 import sys
 import threading
@@ -18,8 +19,8 @@ class FakeStudio:
 
     def show(self, photo: Path, folder: Path, *, fit_colours: bool):
         """Half a second of work."""
-        from fauna.demo.studio import FRAME, Shown
-        from fauna.viewer import viewer_html
+        from fauna.demo.studio import Shown
+        from fauna.viewer import ViewerFrame, viewer_html
         from tests.models3d.glb_writer import write_quadruped
 
         with self.lock:
@@ -30,14 +31,12 @@ class FakeStudio:
         if not hasattr(self, "glb"):
             self.glb = write_quadruped(path).read_bytes()
         path.write_bytes(self.glb)
-        import html
-
-        page = html.escape(viewer_html(self.glb, title="horse", facts={"asked with": str(fit_colours)}))
+        page = viewer_html(self.glb, title="horse", facts={"asked with": str(fit_colours)})
         with self.lock:
             self.now -= 1
         message = f"**ok**: {photo.stat().st_size} bytes, at most {self.most} at once"
         picture = np.full((40, 160, 3), 99, np.uint8)
-        return Shown(picture, FRAME.format(height=400, page=page), {"slot 3": 0.7, "slot 5": 0.3}, message, path)
+        return Shown(picture, ViewerFrame(page, 400).html(), {"slot 3": 0.7, "slot 5": 0.3}, message, path)
 
 
 def main() -> None:
@@ -50,9 +49,20 @@ def main() -> None:
     from fauna.demo.command import _listen
 
     app = build_app(FakeStudio(), folder, max_upload=max_mb * 2**20, max_waiting=max_waiting, host="127.0.0.1")  # type: ignore[arg-type]
+    (folder.parent / "routes.json").write_text(json.dumps(sorted(set(_paths(app.app)))))  # type: ignore[attr-defined]
     listener = _listen("127.0.0.1", port)
     print(f"port {listener.getsockname()[1]}", flush=True)
     uvicorn.Server(uvicorn.Config(app, log_level="warning")).run(sockets=[listener])
+
+
+def _paths(app, prefix=""):
+    """Every route of an application, of those mounted in it and of the routers it includes."""
+    for route in app.routes:
+        inner = getattr(route, "original_router", route)
+        if getattr(inner, "routes", None):
+            yield from _paths(inner, prefix + getattr(route, "path", ""))
+        elif hasattr(route, "path"):
+            yield prefix + route.path
 
 
 if __name__ == "__main__":

@@ -2,12 +2,16 @@
 
 import asyncio
 import json
+import os
+import time
+from pathlib import Path
 
 import pytest
 
 from fauna.demo.guard import HEADERS, MAX_CALL, Guard
 
 MB = 2**20
+OWN = "/somewhere/fauna-demo"
 
 
 async def _echo(scope, receive, send):
@@ -22,9 +26,16 @@ async def _echo(scope, receive, send):
     await send({"type": "http.response.body", "body": str(length).encode()})
 
 
-def _ask(path, method="GET", body=b"", *, host="127.0.0.1:7860", length=None, parts=1, raw=None):
+def _ask(path, method="GET", body=b"", *, host="127.0.0.1:7860", length=None, parts=1, raw=None, folder=None):
     """Status, headers and text of an answer."""
-    guard = Guard(_echo, hosts=frozenset({"127.0.0.1", "::1"}), max_upload=MB)
+    guard = Guard(
+        _echo,
+        hosts=frozenset({"127.0.0.1", "::1"}),
+        folder=folder or Path(OWN),
+        max_upload=MB,
+        max_stored=3 * MB,
+        keep_seconds=60,
+    )
     headers = [(b"host", host.encode())] + ([] if length is None else [(b"content-length", str(length).encode())])
     scope = {"type": "http", "method": method, "path": path, "raw_path": raw or path.encode(), "headers": headers}
     size = max(1, -(-len(body) // parts))
@@ -48,7 +59,14 @@ def _ask(path, method="GET", body=b"", *, host="127.0.0.1:7860", length=None, pa
 
 @pytest.mark.parametrize(
     "path",
-    ["/", "/config", "/theme.css", "/assets/index-Ab1.js", "/gradio_api/queue/data", "/gradio_api/file=x/photo 1.png"],
+    [
+        "/",
+        "/config",
+        "/theme.css",
+        "/assets/index-Ab1.js",
+        "/gradio_api/queue/data",
+        f"/gradio_api/file={OWN}/photo 1.png",
+    ],
 )
 def test_what_the_page_reads_is_let_through(path):
     status, headers, text = _ask(path)
@@ -93,7 +111,7 @@ def test_steps_upwards_are_refused_however_they_are_written(path, raw):
 
 
 def test_dots_in_names_are_no_steps():
-    assert _ask("/gradio_api/file=a/my..photo.png")[0] == 200
+    assert _ask(f"/gradio_api/file={OWN}/my..photo.png")[0] == 200
 
 
 @pytest.mark.parametrize("host", ["example.org", "evil.127.0.0.1.nip.io:7860", "", "127.0.0.1.evil.org"])
@@ -120,33 +138,46 @@ def test_calls_are_small():
     assert _ask("/gradio_api/queue/join", "POST", b'{"data": [1]}')[::2] == (200, "13")
 
 
-@pytest.mark.parametrize(
-    "place",
-    [
-        "http://127.0.0.1:9/",
-        "https://example.org/a.png",
-        "HTTPS://example.org",
-        " http://x",
-        "file:///etc/passwd",
-        "data:,",
-        "gopher://x",
-    ],
-)
-def test_calls_cannot_make_the_server_fetch_anything(place):
+PLACES = [
+    "http://127.0.0.1:9/", "https://example.org/a.png", " http://x", "file:///etc/passwd", "data:,", "/etc/passwd", "etc/passwd", "",
+    f"{OWN}/../secret", f"{OWN}-too/secret", f"{OWN}/a/../../secret", f"//{OWN}/../secret", "~/secret", "a\x00b", "x" * 5000, 7, ["/etc/passwd"],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_calls_cannot_name_a_file_from_elsewhere(place):
     body = json.dumps({"data": [{"deep": [{"path": place, "meta": {"_type": "gradio.FileData"}}]}]})
     assert _ask("/gradio_api/queue/join", "POST", body.encode())[0] == 400
-    escaped = (
-        body.replace(":", "\\u003a")
-        if "\\u" in body
-        else "".join(f"\\u{ord(c):04x}" if c in place and c.isalpha() else c for c in json.dumps(place))
-    )
-    hidden = '{"data": [{"path": %s}]}' % escaped
-    assert _ask("/gradio_api/queue/join", "POST", hidden.encode())[0] == 400
+    if isinstance(place, str):
+        hidden = body.replace(json.dumps(place), '"' + "".join(f"\\u{ord(letter):04x}" for letter in place) + '"')
+        assert _ask("/gradio_api/queue/join", "POST", hidden.encode())[0] == 400
+        assert _ask(f"/gradio_api/file={place}")[0] in (400, 404)
+
+
+def test_links_that_lead_elsewhere_are_followed(tmp_path):
+    own = tmp_path / "own"
+    own.mkdir()
+    (tmp_path / "secret").write_text("secret")
+    (own / "link").symlink_to(tmp_path / "secret")
+    (own / "photo").write_text("photo")
+    assert _ask(f"/gradio_api/file={own}/link", folder=own)[0] == 404
+    assert _ask(f"/gradio_api/file={own}/photo", folder=own)[0] == 200
+
+
+def test_a_full_folder_takes_no_more_and_old_files_make_room(tmp_path):
+    for name in ("a", "b", "c", "d"):
+        (tmp_path / name).write_bytes(b"x" * MB)
+    status, _, text = _ask("/gradio_api/upload", "POST", b"x", folder=tmp_path)
+    assert status == 507
+    assert "got a full folder" in text
+    os.utime(tmp_path / "a", (0, time.time() - 61))
+    assert _ask("/gradio_api/upload", "POST", b"x", folder=tmp_path)[0] == 200
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["b", "c", "d"]
 
 
 def test_files_of_the_page_may_be_named_with_their_address():
     body = {
-        "data": [{"path": "/cache/ab/photo.png", "url": "http://127.0.0.1:7860/gradio_api/file=/cache/ab/photo.png"}]
+        "data": [{"path": f"{OWN}/ab/photo.png", "url": f"http://127.0.0.1:7860/gradio_api/file={OWN}/ab/photo.png"}]
     }
     assert _ask("/gradio_api/queue/join", "POST", json.dumps(body).encode())[0] == 200
 

@@ -52,17 +52,17 @@ class Seen:
         return found and found[1]
 
 
-def look_at(page: Path, folder: Path, *, fragment: str = "", graphics: list[str] | None = None) -> Seen:
-    """Open a file and wait until its scripts have come to rest.
+def look_at(page: Path | str, folder: Path, *, fragment: str = "", graphics: list[str] | None = None) -> Seen:
+    """Open a page and wait until its scripts have come to rest.
 
     Args:
-        page: HTML file.
+        page: HTML file, or an address.
         folder: where browser profile, network log and screenshot go.
         fragment: what follows the # of its address.
         graphics: flags for WebGL; by default it is drawn in software.
     """
     assert CHROMIUM is not None
-    address = page.resolve().as_uri() + ("#" + fragment if fragment else "")
+    address = (page if isinstance(page, str) else page.resolve().as_uri()) + ("#" + fragment if fragment else "")
     picture, network = folder / "seen.png", folder / "network.json"
     common = [
         CHROMIUM,

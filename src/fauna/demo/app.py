@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 KEEP_SECONDS = 3600
 """How long uploads and results stay."""
+STORED = 50
+"""Largest photographs that the folder may hold; results count too."""
 LOCAL = frozenset(("localhost", "127.0.0.1", "::1"))
 INTRODUCTION = """# fauna
 One photograph of a four-legged animal becomes a 3D model with a skeleton that moves. Everything happens on this computer."""
@@ -53,32 +55,54 @@ def build_app(studio: Studio, folder: Path, *, max_upload: int, max_waiting: int
         theme=gr.themes.Base(primary_hue="green", font=["system-ui", "sans-serif"], font_mono=["monospace"]),
         css=STYLE,
     )
+    blocks.has_launched = True  # else a mounted page does not check whether files in calls were uploaded (Gradio 6.31)
     anywhere = host in ("0.0.0.0", "::")
-    return Guard(app, hosts=frozenset() if anywhere else LOCAL | {host.lower()}, max_upload=max_upload)
+    return Guard(
+        app,
+        hosts=frozenset() if anywhere else LOCAL | {host.lower()},
+        folder=folder,
+        max_upload=max_upload,
+        max_stored=STORED * max_upload,
+        keep_seconds=KEEP_SECONDS,
+    )
 
 
 def build_page(studio: Studio, folder: Path) -> "gr.Blocks":
     """The components and what happens when a photograph comes in."""
     import gradio as gr
 
-    with gr.Blocks(analytics_enabled=False, title="fauna", delete_cache=(KEEP_SECONDS // 4, KEEP_SECONDS)) as page:
+    with gr.Blocks(analytics_enabled=False, title="fauna") as page:
         gr.Markdown(INTRODUCTION)
         with gr.Row():
             with gr.Column(scale=2, min_width=280):
                 photo = gr.Image(
-                    type="filepath", image_mode=None, sources=["upload", "clipboard"], label="Photograph", height=300
+                    type="filepath",
+                    image_mode=None,
+                    sources=["upload", "clipboard"],
+                    label="Photograph",
+                    height=300,
+                    buttons=["fullscreen"],
                 )
                 photo.preprocess = _path  # type: ignore[method-assign]  # the file as it is: fauna reads it, within limits
                 colours = gr.Checkbox(value=True, label="Fit the colours to the photograph (takes a few seconds more)")
                 start = gr.Button("Make it 3D", variant="primary")
                 message = gr.Markdown()
                 bank = gr.Label(
-                    label="Where its shape comes from (slots of the bank)", num_top_classes=6, visible=False
+                    label="Where its shape comes from (slots of the bank)",
+                    num_top_classes=6,
+                    show_heading=False,
+                    visible=False,
                 )
             with gr.Column(scale=5, min_width=360):
                 viewer = gr.HTML(EMPTY, label="3D model")
                 glb = gr.DownloadButton("Download GLB", interactive=False)
-        pictures = gr.Image(label="How it was understood", format="png", interactive=False, visible=False)
+        pictures = gr.Image(
+            label="How it was understood",
+            format="png",
+            interactive=False,
+            visible=False,
+            buttons=["download", "fullscreen"],
+        )
 
         def run(path: str | None, fit_colours: bool) -> tuple[Any, ...]:
             if not path:

@@ -124,12 +124,13 @@ def _serve(options: Options) -> None:
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """A socket that is bound already: a port in use is found before the model is loaded."""
+    """A socket that listens already: a port in use is found before the model is loaded, and visitors wait until it is."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         listener = socket.socket(family, kind, protocol)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(address)
+        listener.listen(128)
     except OSError as error:
         reason = error.strerror or str(error)
         raise FaunaError(

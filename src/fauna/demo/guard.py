@@ -1,12 +1,16 @@
 """What stands between the network and Gradio: known addresses only, bounded bodies, no foreign host, no foreign content.
 
 Gradio offers many routes that this page does not use. Rather than trusting each of them, only those that the page calls are let
-through; everything else is answered with 404 here.
+through; everything else is answered with 404 here. And rather than trusting its own checks of file names, which do not run in a mounted
+application (Gradio 6.31), calls that name a file outside of the page's folder end here too.
 """
 
+import asyncio
 import json
 import re
+import time
 from collections.abc import Awaitable, Callable, MutableMapping
+from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
@@ -48,13 +52,21 @@ class Guard:
         app: what is guarded.
         hosts: values of the Host header that are answered, without port; empty for any. A page elsewhere that points its own
             name at this computer gets no answer.
+        folder: the only one whose files may be named and are served; uploads and results lie in it.
         max_upload: bytes of an uploaded file.
+        max_stored: bytes in the folder beyond which uploads are turned away.
+        keep_seconds: how long files stay in the folder.
     """
 
-    def __init__(self, app: App, *, hosts: frozenset[str], max_upload: int) -> None:
+    def __init__(
+        self, app: App, *, hosts: frozenset[str], folder: Path, max_upload: int, max_stored: int, keep_seconds: int
+    ) -> None:
         self.app = app
         self.hosts = hosts
+        self.folder = folder.resolve()
         self.max_upload = max_upload
+        self.max_stored = max_stored
+        self.keep_seconds = keep_seconds
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request through or answer it."""
@@ -70,10 +82,16 @@ class Guard:
         counted = _Counted(receive, limit)
         if CALL.fullmatch(scope["path"]) and scope["method"] == "POST":
             body = await counted.all()
-            if body is None or not _harmless(body):
+            if body is None or not self._harmless(body):
                 await _answer(send, 413 if body is None else 400, "expected a small call with files of this page only")
                 return
             await self.app(scope, _replay(body, receive), _with_headers(send))
+            return
+        if (
+            UPLOAD.fullmatch(scope["path"])
+            and await asyncio.to_thread(tidy, self.folder, self.keep_seconds) > self.max_stored
+        ):
+            await _answer(send, 507, "expected room for another photograph, got a full folder; try again in an hour")
             return
         await self._pass(scope, counted, send)
 
@@ -104,7 +122,8 @@ class Guard:
         if not _plain_path(path, scope.get("raw_path") or path.encode()):
             return (400, "expected a plain address"), 0
         if method in ("GET", "HEAD") and READ.fullmatch(path):
-            return None, 0
+            _, named, file = path.partition("/gradio_api/file=")
+            return (None if not named or self._own(file) else (404, "no such file")), 0
         if method == "POST" and (UPLOAD.fullmatch(path) or CALL.fullmatch(path)):
             limit = MAX_CALL if CALL.fullmatch(path) else self.max_upload + OVERHEAD
             length = headers.get("content-length", "0")
@@ -112,6 +131,32 @@ class Guard:
                 return (413, self._too_large), 0
             return None, limit
         return (404, "no such page"), 0
+
+    def _harmless(self, body: bytes) -> bool:
+        """Whether it is JSON, and every file it names lies in the folder; addresses of the network do not, which Gradio would fetch."""
+        try:
+            content = json.loads(body or b"null")
+        except (ValueError, RecursionError):
+            return False
+        waiting = [content]
+        while waiting:
+            node = waiting.pop()
+            if isinstance(node, dict):
+                if node.get("path") is not None and not self._own(node["path"]):
+                    return False
+                waiting += node.values()
+            elif isinstance(node, list):
+                waiting += node
+        return True
+
+    def _own(self, name: Any) -> bool:
+        """Whether it is the full name of a file in the folder, also after links are followed."""
+        try:
+            return (
+                isinstance(name, str) and Path(name).is_absolute() and Path(name).resolve().is_relative_to(self.folder)
+            )
+        except (OSError, ValueError):  # a name that no file can have
+            return False
 
     @property
     def _too_large(self) -> str:
@@ -168,23 +213,21 @@ def _replay(body: bytes, receive: Receive) -> Receive:
     return again
 
 
-def _harmless(body: bytes) -> bool:
-    """Whether it is JSON in which no file lies at an address of the network: Gradio would fetch it."""
-    try:
-        content = json.loads(body or b"null")
-    except (ValueError, RecursionError):
-        return False
-    waiting = [content]
-    while waiting:
-        node = waiting.pop()
-        if isinstance(node, dict):
-            place = node.get("path")
-            if isinstance(place, str) and re.match(r"\s*[A-Za-z][A-Za-z0-9+.-]*:", place):
-                return False
-            waiting += node.values()
-        elif isinstance(node, list):
-            waiting += node
-    return True
+def tidy(folder: Path, keep_seconds: int) -> int:
+    """Remove files that were last written longer ago; the bytes of those that stay."""
+    oldest, total = time.time() - keep_seconds, 0
+    for path in folder.rglob("*"):
+        try:
+            found = path.lstat()
+            if path.is_dir() and not path.is_symlink():
+                continue
+            if found.st_mtime < oldest:
+                path.unlink()
+            else:
+                total += found.st_size
+        except FileNotFoundError:  # somebody else removed it
+            continue
+    return total
 
 
 def _plain_path(path: str, raw: bytes) -> bool:

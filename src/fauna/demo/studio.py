@@ -1,6 +1,7 @@
 """One photograph for the page: everything it shows, and the file it offers."""
 
 import html
+import io
 import re
 import threading
 from dataclasses import dataclass, replace
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import UInt8
+from PIL import Image
 
 import fauna
 from fauna.errors import FaunaError
@@ -17,12 +19,8 @@ from fauna.reconstruct.preview import preview
 from fauna.reconstruct.reconstructor import Reconstructor
 from fauna.reconstruct.result import Fit, Result
 from fauna.reconstruct.status import FLAGS, MEANINGS
-from fauna.viewer import viewer_html
+from fauna.viewer import ViewerFrame, viewer_html
 
-FRAME = (
-    '<iframe title="3D model" sandbox="allow-scripts allow-downloads" '
-    'style="width:100%;height:{height}px;border:0;border-radius:8px;display:block" srcdoc="{page}"></iframe>'
-)
 HEIGHT = 560
 """Of the 3D view, pixels."""
 
@@ -93,9 +91,11 @@ class Studio:
             return Shown(None, "", {}, f"**failed**: {plain(str(error))}", None)
         path = folder / f"{result.name}.glb"
         path.write_bytes(glb)
-        page = viewer_html(glb, title=result.name, facts=facts(result))
+        poster = io.BytesIO()
+        Image.fromarray(fit.crop).save(poster, "PNG")
+        page = viewer_html(glb, title=result.name, facts=facts(result), poster=poster.getvalue())
         pictures = np.asarray(preview(result, cell=result.settings.output.preview_cell).convert("RGB"))
-        return Shown(pictures, FRAME.format(height=HEIGHT, page=html.escape(page)), slots(fit), told(result), path)
+        return Shown(pictures, ViewerFrame(page, HEIGHT).html(), slots(fit), told(result), path)
 
 
 def slots(fit: Fit) -> dict[str, float]:

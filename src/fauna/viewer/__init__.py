@@ -7,11 +7,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fauna.viewer.page import viewer_html, write_viewer
+    from fauna.viewer.page import ViewerFrame, viewer_html, write_viewer
+    from fauna.viewer.studio import portrait
     from fauna.viewer.turntable import turntable_frames, write_turntable
     from fauna.viewer.video import video_suffix, write_video
 
 _HOMES = {
+    "ViewerFrame": "page",
+    "portrait": "studio",
     "turntable_frames": "turntable",
     "video_suffix": "video",
     "viewer_html": "page",
@@ -19,7 +22,16 @@ _HOMES = {
     "write_video": "video",
     "write_viewer": "page",
 }
-__all__ = ["turntable_frames", "video_suffix", "viewer_html", "write_turntable", "write_video", "write_viewer"]
+__all__ = [
+    "ViewerFrame",
+    "portrait",
+    "turntable_frames",
+    "video_suffix",
+    "viewer_html",
+    "write_turntable",
+    "write_video",
+    "write_viewer",
+]
 
 
 def __getattr__(name: str) -> Any:

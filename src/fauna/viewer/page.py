@@ -9,6 +9,7 @@ import hashlib
 import html
 import struct
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -56,6 +57,31 @@ def viewer_html(glb: bytes, *, title: str, facts: Mapping[str, str], poster: byt
         facts=_facts(facts) if facts else "",
         glb=base64.b64encode(glb).decode(),
     )
+
+
+@dataclass(frozen=True)
+class ViewerFrame:
+    """A page of :func:`viewer_html` inside another page: shown by Jupyter when it is the last value of a cell.
+
+    It is shut off from the page around it.
+
+    Attributes:
+        page: the page.
+        height: in pixels.
+    """
+
+    page: str = field(repr=False)
+    height: int = 480
+
+    def html(self) -> str:
+        """An element for any page."""
+        return (
+            '<iframe title="3D model" sandbox="allow-scripts allow-downloads" '
+            f'style="width:100%;height:{self.height}px;border:0;border-radius:8px;display:block" srcdoc="{html.escape(self.page)}"></iframe>'
+        )
+
+    def _repr_html_(self) -> str:
+        return self.html()
 
 
 @cache

@@ -13,6 +13,7 @@ from fauna.export.animal import RiggedAnimal
 from fauna.geometry.camera import make_camera, to_clip
 from fauna.geometry.mesh import vertex_normals
 from fauna.renderer.base import Renderer
+from fauna.renderer.numba_backend import NumbaRenderer
 from fauna.types import Camera, Fragments
 
 FOV_DEG = 25.0
@@ -111,6 +112,22 @@ def _turns(count: int) -> Float[Tensor, "frame 3 3"]:
     about = torch.stack((cos, zero, sin, zero, one, zero, -sin, zero, cos), dim=1).reshape(count, 3, 3)
     up, down = math.cos(ELEVATION), math.sin(ELEVATION)
     return torch.tensor(((1.0, 0.0, 0.0), (0.0, up, -down), (0.0, down, up))) @ about
+
+
+@torch.no_grad()
+def portrait(
+    verts: Float[Tensor, "vert 3"], faces: Int[Tensor, "face 3"], *, size: int
+) -> UInt8[np.ndarray, "size size 3"]:
+    """One picture of a mesh in clay, as a turntable begins.
+
+    Args:
+        verts: y up, head at +z.
+        faces: counter-clockwise seen from outside.
+        size: side of the picture, pixels.
+    """
+    still = verts.detach().float().cpu()[None]
+    paint = Paint(torch.tensor(CLAY).expand(len(verts), 3), None, None)
+    return draw(NumbaRenderer(), still, faces.cpu(), paint, Turntable.around(still), 0, size=size)
 
 
 def draw(
