@@ -152,7 +152,9 @@ def bomb(name: str, draw: Draw) -> BadInput:
         patched = bytearray(encoded(picture(draw), "JPEG"))
         place = patched.index(b"\xff\xc0") + 5
         patched[place : place + 4] = struct.pack(">HH", min(side, 65500), min(side, 65500))
-        return BadInput(f"{name}.jpg", bytes(patched), None, True)
+        return BadInput(
+            f"{name}.jpg", bytes(patched), None, True if side > 13000 else None
+        )  # smaller ones are read at 1/8
     patched = bytearray(encoded(picture(draw), "GIF"))
     patched[6:10] = struct.pack("<HH", min(side, 65500), min(side, 65500))
     return BadInput(f"{name}.gif", bytes(patched), None, True)

@@ -1,8 +1,11 @@
 """The files of one animal. ``result.json`` comes last: where it is, everything else is."""
 
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from PIL import Image
 
 from fauna.errors import FaunaError
 from fauna.io.contact_sheet import save_png
@@ -79,7 +82,13 @@ def _models(result: Result, folder: Path, clock: Clock) -> list[str]:
         from fauna.viewer import write_viewer
 
         with clock.stage("viewer"):
-            write_viewer(export.glb_bytes(animal), folder / VIEWER, title=result.name, facts=facts(result))
+            write_viewer(
+                export.glb_bytes(animal),
+                folder / VIEWER,
+                title=result.name,
+                facts=facts(result),
+                poster=_poster(result),
+            )
         files.append(VIEWER)
     if output.turntable:
         from fauna.viewer import write_turntable
@@ -102,6 +111,13 @@ def facts(result: Result) -> Mapping[str, str]:
     if result.flags:
         said["notes"] = ", ".join(flag.replace("_", " ") for flag in result.flags)
     return said
+
+
+def _poster(result: Result) -> bytes:
+    """The crop as JPEG."""
+    buffer = io.BytesIO()
+    Image.fromarray(_fit(result).crop).save(buffer, "JPEG", quality=90)
+    return buffer.getvalue()
 
 
 def _fit(result: Result) -> Fit:
