@@ -44,6 +44,14 @@ def test_every_clip_survives():
             assert np.abs(shown - expected).max() < 1e-4
 
 
+def test_a_clip_leaves_no_joint_to_the_clip_before():
+    document = Player.of(glb_bytes(animal(7))).document
+    joints = document["skins"][0]["joints"]
+    for clip in document["animations"]:
+        targets = [(channel["target"]["node"], channel["target"]["path"]) for channel in clip["channels"]]
+        assert sorted(targets) == sorted([*((joint, "rotation") for joint in joints), (joints[0], "translation")])
+
+
 def test_neighbouring_quaternions_are_near():
     player = Player.of(glb_bytes(animal(7)))
     for clip in player.document["animations"]:

@@ -33,7 +33,7 @@ class Container:
         """Store an array.
 
         Args:
-            values: of a component type of glTF; matrices with rows first. Rows of vertex data are a multiple of 4 bytes.
+            values: of a component type of glTF; matrices with rows first; rows of vertex data of 4, 8, ... bytes.
             usage: what reads it.
 
         Returns:

@@ -1,7 +1,8 @@
 """Gaits: which foot is on the ground when, and where it is relative to the body, which stays in place.
 
-Times and lengths follow the legs: animals of different size move alike when lengths are measured in hip heights h and times
-in sqrt(h / g) (Alexander and Jayes, "A dynamic similarity hypothesis for the gaits of quadrupedal mammals", 1983).
+Times and lengths follow the legs: animals of different size move alike when lengths are measured in hip heights h and
+times in sqrt(h / g) (Alexander and Jayes, "A dynamic similarity hypothesis for the gaits of quadrupedal mammals",
+1983).
 """
 
 from dataclasses import dataclass
@@ -115,7 +116,7 @@ def strides(gait: Gait, stance: Stance, step: float) -> tuple[Steps, ...]:
 def _path(gait: Gait, footfall: float, step: float) -> tuple[Float[np.ndarray, " frame"], Float[np.ndarray, " frame"]]:
     """Place along z and share of the lift.
 
-    On the ground a foot goes backwards at one speed; in the air a cubic takes it to the front with that speed at both ends.
+    On the ground a foot goes backwards at one speed; in the air a cubic takes it to the front, as fast at both ends.
     """
     phase = (np.arange(gait.frames + 1) / gait.frames - footfall) % 1.0
     phase = np.where(phase > 1.0 - 1e-9, 0.0, phase)

@@ -1,4 +1,4 @@
-"""Rigged animals as binary glTF 2.0: one skinned mesh, its skeleton and its clips. Nothing is compressed or external."""
+"""Rigged animals as binary glTF 2.0: one skinned mesh, its skeleton and its clips, nothing else."""
 
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,9 @@ from fauna.export.surface import is_closed, linear_from_srgb, normals, png, spli
 
 PHOTO = "photo"
 """Name of the clip that holds the photo's pose."""
+
+_STILL = 1e-7
+"""Curves that change less are written as two keys."""
 
 _ROUGHNESS = 0.9
 _MESH_NODE, _RIG_NODE, _FIRST_JOINT = 0, 1, 2
@@ -140,22 +143,19 @@ def _skin(container: Container, animal: RiggedAnimal) -> dict[str, Any]:
 
 
 def _animation(container: Container, animal: RiggedAnimal, clip: Clip) -> dict[str, Any]:
-    """Channels of the joints that leave their rest pose."""
-    times = container.add(clip.times.astype(np.float32), usage="data")
+    """Every joint's rotation and the root's place, moving or not: Blender keeps what a clip leaves out."""
     rest, places = _rest_locals(animal)
-    samplers: list[dict[str, Any]] = []
-    channels: list[dict[str, Any]] = []
-
-    def channel(joint: int, path: str, values: np.ndarray) -> None:
-        output = container.add(values.astype(np.float32), usage="data")
+    curves = [("rotation", joint, _absolute(rest[joint], clip.rotations[:, joint])) for joint in range(NUM_JOINTS)]
+    curves.append(("translation", ROOT, places[ROOT] + clip.translation))
+    samplers, channels, inputs = [], [], {}
+    for path, joint, values in curves:
+        still = bool(np.abs(values - values[0]).max() < _STILL)
+        keys = [0, -1] if still else slice(None)
+        if still not in inputs:
+            inputs[still] = container.add(clip.times[keys].astype(np.float32), usage="data")
+        output = container.add(values[keys].astype(np.float32), usage="data")
         channels.append({"sampler": len(samplers), "target": {"node": _FIRST_JOINT + joint, "path": path}})
-        samplers.append({"input": times, "output": output, "interpolation": "LINEAR"})
-
-    for joint in range(NUM_JOINTS):
-        if joint == ROOT or np.abs(clip.rotations[:, joint, :3]).max() > 0.0:
-            channel(joint, "rotation", _absolute(rest[joint], clip.rotations[:, joint]))
-    if np.abs(clip.translation).max() > 0.0:
-        channel(ROOT, "translation", places[ROOT] + clip.translation)
+        samplers.append({"input": inputs[still], "output": output, "interpolation": "LINEAR"})
     facts = {"loop": clip.loop, "ground_speed": clip.speed, "root_motion": [0.0, 0.0, clip.speed]} | clip.extras
     return {"name": clip.name, "samplers": samplers, "channels": channels, "extras": facts}
 

@@ -10,7 +10,7 @@ from fauna.export.animal import RiggedAnimal
 from fauna.export.joints import LEGS, LegJoints
 
 _SOLE_BAND = 0.03
-"""Vertices that the foot carries and that lie so little above its lowest one are the sole; share of the leg's length."""
+"""What the foot carries so little above its lowest vertex is the sole; share of the leg's length."""
 
 _SOLE_REACH = 0.35
 """Vertices farther from the end of the foot bone are something else; share of the leg's length."""
@@ -77,8 +77,8 @@ def bend(
 ) -> Float[np.ndarray, "frame 3 3 3"]:
     """Turn the upper, lower and foot bone so that the sole comes to a target.
 
-    Knee and ankle bend in a given proportion, as far as the distance asks; the hip turns the bent leg towards the target on
-    the shortest way. A target out of reach is only pointed at.
+    Knee and ankle bend in a given proportion, as far as the distance asks; the hip turns the bent leg towards the
+    target on the shortest way. A target out of reach is only pointed at.
 
     Args:
         leg: at rest.
@@ -98,7 +98,7 @@ def bend(
     angles = low[:, None] * bends
     folded = _folded(plane, angles)
     upright = np.cross(leg.axis, _across(leg))
-    sole = np.outer(folded.real, _across(leg)) + np.outer(folded.imag, upright) + along.sum() * leg.axis
+    sole = np.outer(np.real(folded), _across(leg)) + np.outer(np.imag(folded), upright) + along.sum() * leg.axis
     knee, ankle = (Rotation.from_rotvec(angles[:, [joint]] * leg.axis).as_matrix() for joint in range(2))
     return np.stack((shortest_turn(sole, targets), knee, ankle), axis=1)
 
@@ -111,7 +111,7 @@ def _across(leg: Leg) -> Float[np.ndarray, " 3"]:
 
 
 def _in_plane(leg: Leg) -> tuple[Complex[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-    """The three bones as complex numbers in the plane they bend in, a turn about the axis being a factor, and along it."""
+    """The three bones as complex numbers in the plane they bend in (a turn is a factor), and along the axis."""
     bones = np.diff(leg.points, axis=0)
     across = _across(leg)
     return bones @ across + 1j * (bones @ np.cross(leg.axis, across)), bones @ leg.axis

@@ -82,7 +82,7 @@ def settle(motion: Motion, steps: Sequence[Steps], *, vault: float) -> None:
     Args:
         motion: complete but for the legs; receives the pitch, the height and the legs.
         steps: of all feet.
-        vault: share of the way in which the body rises over a standing leg and sinks between two of them; with 0 it stays as
+        vault: share of the way in which the body rises over a standing leg and sinks between two; with 0 it stays as
             low as it has to be at its lowest.
     """
     grounded = [each for each in steps if each.grounded]
