@@ -112,8 +112,8 @@ def fill(
     """Give texels that show nothing the colour of the nearest one that does, so that filtering never meets black."""
     if not known.any():
         return image
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return image[tuple(nearest)]
+    nearest: np.ndarray = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)  # pyright: ignore[reportAssignmentType]
+    return image[nearest[0], nearest[1]]
 
 
 def _smoothed(verts: np.ndarray, edges: np.ndarray) -> np.ndarray:

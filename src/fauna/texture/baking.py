@@ -59,7 +59,8 @@ def bake(
     if batch is not None and source == "photo":
         albedo = project_photo(model.renderer, batch, out, texels, albedo)
     image = _image(albedo * light.exposure, texels)
-    return Texture(*(each.cpu().numpy() for each in (atlas.vertex, atlas.faces, atlas.uv)), image, light)
+    vertex, faces, uv = (each.cpu().numpy() for each in (atlas.vertex, atlas.faces, atlas.uv))
+    return Texture(vertex, faces, uv, image, light)
 
 
 @torch.no_grad()

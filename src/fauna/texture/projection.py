@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float, Int
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from torch import Tensor
 from torch.nn import functional as F
 
@@ -146,7 +146,7 @@ def _carried(
         return torch.zeros_like(missing)
     trusted = trusted[:: -(-len(trusted) // _SAMPLES)]
     places = mirror_to_right(verts)
-    tree = cKDTree(texels.interpolate(places)[trusted].cpu().numpy())
+    tree = KDTree(texels.interpolate(places)[trusted].cpu().numpy())
     distance, index = tree.query(places.cpu().numpy(), k=min(_NEIGHBOURS, len(trusted)))
     distance, index = (torch.from_numpy(np.atleast_2d(each.T).T).to(verts.device) for each in (distance, index))
     weights = torch.exp(-0.5 * ((distance - distance[:, :1]) / _BLUR).square())
