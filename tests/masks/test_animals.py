@@ -2,7 +2,7 @@ import numpy as np
 
 from fauna.masks.animals import split_animals, touched_border
 
-SHARES = {"animal_share": 0.3, "speck_share": 0.005}
+SHARES = {"animal_share": 0.3, "speck_share": 0.005, "same_gap": 0.1}
 
 
 def canvas(*boxes):
@@ -29,6 +29,12 @@ def test_small_parts_join_the_nearest_animal_and_specks_go():
     animals = split_animals(canvas(left, right, foot, speck), **SHARES)
     assert (animals[0] == canvas(left, foot)).all()
     assert (animals[1] == canvas(right)).all()
+
+
+def test_a_pole_does_not_make_two_animals_of_one():
+    left, right = (10, 60, 10, 60), (10, 60, 64, 110)
+    assert [int(each.sum()) for each in split_animals(canvas(left, right), **SHARES)] == [4800]
+    assert len(split_animals(canvas(left, (10, 60, 66, 110)), **SHARES)) == 2
 
 
 def test_corners_connect():

@@ -102,7 +102,8 @@ def tiny_sam(tmp_path_factory):
 
     vision = {
         "hidden_size": 16, "num_hidden_layers": 1, "num_attention_heads": 2, "image_size": 64, "patch_size": 8,
-        "output_channels": 16, "mlp_dim": 16, "window_size": 4, "global_attn_indexes": [0],
+        "output_channels": 16,
+        "num_pos_feats": 8, "mlp_dim": 16, "window_size": 4, "global_attn_indexes": [0],
     }  # fmt: skip
     prompt = {"hidden_size": 16, "image_size": 64, "patch_size": 8, "image_embedding_size": 8, "mask_input_channels": 4}
     decoder = {
@@ -114,7 +115,9 @@ def tiny_sam(tmp_path_factory):
     }
     folder = tmp_path_factory.mktemp("sam")
     torch.manual_seed(0)
-    SamModel(SamConfig(vision_config=vision, prompt_encoder_config=prompt, mask_decoder_config=decoder)).save_pretrained(folder)
+    SamModel(
+        SamConfig(vision_config=vision, prompt_encoder_config=prompt, mask_decoder_config=decoder)
+    ).save_pretrained(folder)
     sizes = {"size": {"longest_edge": 64}, "pad_size": {"height": 64, "width": 64}}
     SamProcessor(
         SamImageProcessor(**sizes, mask_size={"longest_edge": 16}, mask_pad_size={"height": 16, "width": 16})

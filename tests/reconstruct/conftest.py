@@ -1,11 +1,13 @@
 """Stand-ins for what makes files, so that these tests are about everything else; and an animal to look at."""
 
 import sys
+from copy import copy
 from dataclasses import replace
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 from fauna.reconstruct import batch, command
@@ -35,6 +37,10 @@ def stand_ins(monkeypatch):
         (folder / "turntable.webp").write_bytes(b"turn")
         return folder / "turntable.webp"
 
+    def replay(model, out, *texture, size):
+        covered = torch.nn.functional.interpolate(out.renders.covered[None].float(), (size, size))[0] > 0
+        return covered.float().expand(3, -1, -1), SimpleNamespace(fragments=SimpleNamespace(covered=covered))
+
     modules = {
         "fauna.export": {
             "rig_reconstruction": tell("rig", lambda model, out, *, name, texture: f"{name} {texture}"),
@@ -43,10 +49,11 @@ def stand_ins(monkeypatch):
         },
         "fauna.export.joints": {"JOINT_NAMES": BONES, "JOINT_OF_BONE": tuple(range(20))},
         "fauna.texture": {
-            "bake": tell("bake", lambda model, out, *, size: f"texture of {size}"),
-            "finetune": tell("finetune", lambda model, batch, out, *, iterations: model),
-            "refine": tell("refine", lambda model, batch, out, *, steps: out),
+            "bake": tell("bake", lambda model, out, *, size, source, batch: f"texture of {size}"),
+            "finetune": tell("finetune", lambda model, batch, out, *, iterations: copy(model)),
+            "refine": tell("refine", lambda model, batch, out, *, steps: SimpleNamespace(out=out, iou_after=(0.5,))),
         },
+        "fauna.texture.replay": {"render_network": replay, "render_textured": replay},
         "fauna.viewer": {
             "write_viewer": tell("viewer", write_viewer),
             "write_turntable": tell("turntable", write_turntable),

@@ -33,7 +33,7 @@ def test_masks_of_every_kind_are_the_same_mask(tmp_path, photograph):
         "cutout.png": np.dstack([np.full((*disc.shape, 3), 9, np.uint8), eight]),
     }
     for name, array in kinds.items():
-        masks = read_masks([save(tmp_path, array, name)], found, "given").masks
+        masks = read_masks([save(tmp_path, array, name)], found, "given", SETTINGS.mask).masks
         assert len(masks) == 1
         assert (masks[0] == disc).all(), name
 
@@ -45,8 +45,26 @@ def test_labels_of_a_palette_are_animals_each(tmp_path, photograph):
     picture = Image.fromarray(labels, mode="P")
     picture.putpalette([0, 0, 0, 128, 0, 0, 0, 128, 0])
     picture.save(tmp_path / "m.png")
-    masks = read_masks([tmp_path / "m.png"], found, "given").masks
+    masks = read_masks([tmp_path / "m.png"], found, "given", SETTINGS.mask).masks
     assert [int(mask.sum()) for mask in masks] == [int((labels == 1).sum()), 100]
+
+
+def test_a_grey_palette_is_no_list_of_labels(tmp_path, photograph):
+    found, disc = photograph
+    picture = Image.fromarray(disc.astype(np.uint8) * np.uint8(200) + np.uint8(20), mode="P")
+    picture.putpalette([value for grey in range(256) for value in (grey,) * 3])
+    picture.save(tmp_path / "m.png")
+    (mask,) = read_masks([tmp_path / "m.png"], found, "given", SETTINGS.mask).masks
+    assert (mask == disc).all()
+
+
+def test_of_many_labels_the_largest_are_taken(tmp_path, photograph):
+    found, _ = photograph
+    labels = np.arange(64 * 96).reshape(64, 96) % 200
+    picture = Image.fromarray(labels.astype(np.uint8), mode="P")
+    picture.putpalette([value for index in range(256) for value in (index, 255 - index, 7)])
+    picture.save(tmp_path / "m.png")
+    assert len(read_masks([tmp_path / "m.png"], found, "given", SETTINGS.mask).masks) == SETTINGS.mask.max_animals
 
 
 def test_a_mask_of_the_turned_photograph_is_turned_too(tmp_path, picture):
@@ -61,30 +79,30 @@ def test_a_mask_of_the_turned_photograph_is_turned_too(tmp_path, picture):
     eight = disc.astype(np.uint8) * np.uint8(255)
     upright = np.rot90(disc, -1)
     for array in (eight, np.ascontiguousarray(np.rot90(eight, -1))):
-        (mask,) = read_masks([save(tmp_path, array)], found, "given").masks
+        (mask,) = read_masks([save(tmp_path, array)], found, "given", SETTINGS.mask).masks
         assert (mask == upright).all()
 
 
 def test_a_reduced_mask_is_enlarged_and_told(tmp_path, photograph):
     found, disc = photograph
     small = np.array(Image.fromarray(disc.astype(np.uint8) * np.uint8(255)).resize((48, 32), Image.Resampling.BOX))
-    read = read_masks([save(tmp_path, small)], found, "given")
+    read = read_masks([save(tmp_path, small)], found, "given", SETTINGS.mask)
     assert read.flags == ("mask_resized",)
     assert (read.masks[0] & disc).sum() / (read.masks[0] | disc).sum() > 0.9
 
 
-@pytest.mark.parametrize("shape", [(64, 64), (640, 960), (1, 1)])
+@pytest.mark.parametrize("shape", [(64, 64), (640, 1000), (1, 1)])
 def test_masks_of_other_photographs_are_refused(tmp_path, photograph, shape):
     path = save(tmp_path, np.zeros(shape, np.uint8))
     with pytest.raises(Refused, match="photograph's size 96x64") as caught:
-        read_masks([path], photograph[0], "given")
+        read_masks([path], photograph[0], "given", SETTINGS.mask)
     assert caught.value.status == "bad_mask"
 
 
 def test_a_broken_mask_is_refused(tmp_path, photograph):
     (tmp_path / "m.png").write_text("no mask")
     with pytest.raises(Refused, match="readable mask"):
-        read_masks([tmp_path / "m.png"], photograph[0], "given")
+        read_masks([tmp_path / "m.png"], photograph[0], "given", SETTINGS.mask)
 
 
 def test_arrays(photograph):

@@ -5,9 +5,10 @@ import threading
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
-from scipy.ndimage import binary_fill_holes, label
+from scipy.ndimage import binary_fill_holes
 
 from fauna.encoder.base import Encoder
+from fauna.masks.animals import connected
 from fauna.masks.base import Segmenter
 from fauna.masks.options import GrabCutOptions, SaliencyOptions
 from fauna.masks.saliency import saliency
@@ -57,7 +58,7 @@ class GrabCut(Segmenter):
         over = cv2.resize(rating, size, interpolation=cv2.INTER_CUBIC)
         over -= np.quantile(over, 1.0 - self.options.animal_share)
         cut = self._cut(small, over)
-        mask = best_parts(binary_fill_holes(cut), over, self.options.part_share)  # type: ignore[arg-type]
+        mask = best_parts(np.asarray(binary_fill_holes(cut)), over, self.options.part_share)
         if mask.mean() > self.options.largest_share:
             mask[:] = False
         enlarged = cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
@@ -75,11 +76,9 @@ class GrabCut(Segmenter):
             return np.zeros(over.shape, bool)
         with _LOCK:
             cv2.setRNGSeed(0)
-            models = np.zeros(_MODEL), np.zeros(_MODEL)
+            bgr, models = image[..., ::-1].copy(), (np.zeros(_MODEL), np.zeros(_MODEL))
             try:
-                cv2.grabCut(
-                    image[..., ::-1].copy(), labels, None, *models, self.options.iterations, cv2.GC_INIT_WITH_MASK
-                )
+                cv2.grabCut(bgr, labels, (0, 0, 1, 1), *models, self.options.iterations, cv2.GC_INIT_WITH_MASK)
             except cv2.error:  # fewer colours than the models have parts
                 return np.zeros(over.shape, bool)
         return (labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)
@@ -89,7 +88,7 @@ def best_parts(
     mask: Bool[np.ndarray, "height width"], over: Float[np.ndarray, "height width"], share: float
 ) -> Bool[np.ndarray, "height width"]:
     """The connected part with the largest sum of positive ratings, and others of at least ``share`` of its area."""
-    labels, count = label(mask)
+    labels, count = connected(mask)
     if count == 0:
         return mask
     areas = np.bincount(labels.ravel(), minlength=count + 1)[1:]

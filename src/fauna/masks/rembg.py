@@ -23,7 +23,7 @@ class Rembg(Segmenter):
 
     def __init__(self, *, weights: str) -> None:
         try:
-            import rembg
+            import rembg  # pyright: ignore[reportMissingImports]  # an optional extra
         except ImportError as error:
             raise FaunaError(
                 "segmenter rembg: expected the package rembg, got none; pip install 'fauna[rembg]', or use grabcut"

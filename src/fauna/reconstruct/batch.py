@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 import fauna
+from fauna.errors import FaunaError
 from fauna.evaluation.weights import file_digest, locate
 from fauna.pretrained.shipped import PRETRAINED
 from fauna.reconstruct.folders import KEY, Job, finished, is_free, job_key, read_result, whole_folder
@@ -157,14 +158,14 @@ def _guarded(job: Job, loader: Loader, masks: Sequence[Path] | None) -> list[Res
         return reconstructor.reconstruct_all(job.photo, masks=masks, name=job.name)
     except Exception as error:
         empty = Result(
-            job.name,
-            "failed",
-            "",
-            (),
-            0.0,
-            InputFacts(file=job.photo.name),
-            reconstructor.weights,
-            reconstructor.settings,
+            name=job.name,
+            status="failed",
+            reason="",
+            flags=(),
+            confidence=0.0,
+            source=InputFacts(file=job.photo.name),
+            weights=reconstructor.weights,
+            settings=reconstructor.settings,
         )
         return [_failed(empty, error)]
 
@@ -172,8 +173,10 @@ def _guarded(job: Job, loader: Loader, masks: Sequence[Path] | None) -> list[Res
 def _failed(result: Result, error: Exception) -> Result:
     if os.environ.get("FAUNA_DEBUG"):
         raise error
-    reason = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-    return replace(result, status="failed", reason=f"{reason}; FAUNA_DEBUG=1 shows where", fit=None, confidence=0.0)
+    reason = " ".join(f"{type(error).__name__}: {error}".split())[:300] + "; FAUNA_DEBUG=1 shows where"
+    if isinstance(error, FaunaError):
+        reason = str(error)
+    return replace(result, status="failed", reason=reason, fit=None, confidence=0.0)
 
 
 def _total(told: Sequence[str]) -> str:

@@ -83,6 +83,12 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     add("--no-texture", action="store_true", help="leave the texture out")
     add("--texture-size", type=int, default=output.texture_size, metavar="N", help="pixels (default: %(default)s)")
     add(
+        "--texture",
+        default=output.texture_source,
+        choices=("photo", "network"),
+        help="what it shows (default: %(default)s)",
+    )
+    add(
         "--no-finetune",
         action="store_true",
         help=f"skip the {output.finetune_iterations} steps that fit the texture to the photograph",
@@ -119,6 +125,7 @@ def chosen_settings(given: argparse.Namespace) -> Settings:
             formats=tuple(dict.fromkeys(name.strip().lower() for name in given.format.split(","))),
             resolution=given.resolution,
             texture_size=texture,
+            texture_source=given.texture,
             finetune_iterations=0 if given.no_finetune else default.output.finetune_iterations,
             refine_steps=given.refine,
             viewer=not given.no_viewer,

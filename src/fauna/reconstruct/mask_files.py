@@ -4,6 +4,7 @@ import hashlib
 import io
 import re
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -54,8 +55,8 @@ def masks_beside(photo: Path) -> list[Path]:
     return sorted(each for each in folder.glob("*.png") if pattern.fullmatch(each.stem))
 
 
-def read_masks(files: list[Path], photograph: Photograph, source: MaskSource) -> FoundMasks:
-    """The masks in picture files. A palette picture (labels) holds one for each colour but black.
+def read_masks(files: Sequence[Path], photograph: Photograph, source: MaskSource, settings: MaskSettings) -> FoundMasks:
+    """The masks in picture files. A picture with a coloured palette (labels) holds one for each colour but black.
 
     Raises:
         Refused: ``bad_mask``, for a file that is no picture, or none of this photograph.
@@ -68,7 +69,7 @@ def read_masks(files: list[Path], photograph: Photograph, source: MaskSource) ->
             content = path.read_bytes()
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                found = _read(content, path, photograph)
+                found = _read(content, path, photograph, settings)
         except Refused:
             raise
         except Exception as error:  # a damaged file raises anything
@@ -80,7 +81,7 @@ def read_masks(files: list[Path], photograph: Photograph, source: MaskSource) ->
     return FoundMasks(tuple(masks), source, digest.hexdigest(), ("mask_resized",) if resized else ())
 
 
-def array_masks(masks: list[np.ndarray], photograph: Photograph) -> FoundMasks:
+def array_masks(masks: Sequence[np.ndarray], photograph: Photograph) -> FoundMasks:
     """Masks in memory: truth values or 8 bits (above 127 is animal), of the photograph's size.
 
     Raises:
@@ -114,49 +115,56 @@ def alpha_mask(photograph: Photograph, settings: MaskSettings) -> FoundMasks | N
     return FoundMasks((alpha > THRESHOLD,), "alpha", hashlib.sha256(alpha.tobytes()).hexdigest())
 
 
-def _read(content: bytes, path: Path, photograph: Photograph) -> list[tuple[Bool[np.ndarray, "height width"], bool]]:
+def _read(
+    content: bytes, path: Path, photograph: Photograph, settings: MaskSettings
+) -> list[tuple[Bool[np.ndarray, "height width"], bool]]:
     with Image.open(io.BytesIO(content), formats=OPENED) as picture:
         orientation = read_orientation(picture)
-        resized = _check_shape(picture.size, orientation, path, photograph)
-        layers = [Image.fromarray(layer.astype(np.uint8) * np.uint8(255)) for layer in _layers(picture)]
+        resized = _check_shape(picture.size, orientation, path, photograph, settings.max_pixels)
+        layers = [
+            Image.fromarray(layer.astype(np.uint8) * np.uint8(255)) for layer in _layers(picture, settings.max_animals)
+        ]
     if picture.size == _stored(photograph) and orientation == 1 != photograph.orientation:
         orientation = photograph.orientation
     return [(_fitted(oriented(layer, orientation), photograph), resized) for layer in layers]
 
 
-def _check_shape(size: tuple[int, int], orientation: int, path: Path, photograph: Photograph) -> bool:
+def _check_shape(size: tuple[int, int], orientation: int, path: Path, photograph: Photograph, most: int) -> bool:
     """Whether the mask has another size than the photograph; refused when it cannot be a mask of it."""
     upright = size if orientation < 5 else size[::-1]
-    if photograph.size in (upright,) or size == _stored(photograph):
-        return False
+    same = upright == photograph.size or size == _stored(photograph)
     ratio = (upright[0] / upright[1]) / (photograph.size[0] / photograph.size[1])
-    if abs(ratio - 1.0) > SAME_SHAPE or upright[0] * upright[1] > 4 * photograph.size[0] * photograph.size[1]:
+    if size[0] * size[1] > most or not (same or abs(ratio - 1.0) <= SAME_SHAPE):
         raise Refused(
             "bad_mask",
             f"{path}: expected the photograph's size {photograph.size[0]}x{photograph.size[1]}, got "
-            f"{upright[0]}x{upright[1]}; make a mask of this photograph",
+            f"{upright[0]}x{upright[1]}; make a mask of this photograph, of at most {most / 1e6:.0f} million pixels",
         )
-    return True
+    return not same
 
 
-def _layers(picture: Image.Image) -> list[Bool[np.ndarray, "height width"]]:
-    """The masks in a picture: above 127, or 1 in a picture of zeros and ones; labels of a palette each for itself."""
+def _layers(picture: Image.Image, limit: int) -> list[Bool[np.ndarray, "height width"]]:
+    """The masks in a picture: above 127, or 1 in a picture of zeros and ones; the ``limit`` largest labels of a coloured palette."""
     if picture.mode == "P":
         values = np.array(picture)
-        palette = np.array(picture.getpalette("RGB") or []).reshape(-1, 3)
-        labels = [each for each in np.unique(values) if each < len(palette) and palette[each].any()]
-        return [values == each for each in labels] or [np.zeros(values.shape, bool)]
-    if picture.mode in ("RGBA", "LA") and np.ptp(np.array(picture.convert("RGB"))) == 0:
+        palette = np.zeros((256, 3), np.uint8)
+        known = np.array(picture.getpalette("RGB") or [], np.uint8).reshape(-1, 3)[:256]
+        palette[: len(known)] = known
+        counts = np.bincount(values.ravel(), minlength=256)
+        if np.ptp(palette[counts > 0].astype(int), axis=1).any():  # coloured: labels
+            counts[~palette.any(axis=1)] = 0
+            labels = [each for each in np.argsort(-counts, kind="stable")[:limit] if counts[each]]
+            return [values == each for each in labels] or [np.zeros(values.shape, bool)]
+    if picture.mode in ("RGBA", "LA") and np.ptp(np.array(picture.convert("L"))) == 0:
         picture = picture.getchannel("A")  # one colour: what separates is its opacity
-    values: UInt8[np.ndarray, "height width"] = np.array(
-        picture.convert("RGB").convert("L") if picture.mode != "L" else picture
-    )
-    return [values > (THRESHOLD if values.max(initial=0) > 1 else 0)]
+    grey: UInt8[np.ndarray, "height width"] = np.array(picture.convert("L"))
+    return [grey > (THRESHOLD if grey.max(initial=0) > 1 else 0)]
 
 
 def _stored(photograph: Photograph) -> tuple[int, int]:
     """Size of the photograph before it was turned upright."""
-    return photograph.size if photograph.orientation < 5 else photograph.size[::-1]
+    width, height = photograph.size
+    return (width, height) if photograph.orientation < 5 else (height, width)
 
 
 def _fitted(mask: Image.Image, photograph: Photograph) -> Bool[np.ndarray, "height width"]:

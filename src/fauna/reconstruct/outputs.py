@@ -13,33 +13,29 @@ from fauna.reconstruct.result import Fit, Result
 
 if TYPE_CHECKING:
     from fauna.export import RiggedAnimal
+    from fauna.texture import Texture
 
 RESULT, PREVIEW, VIEWER = "result.json", "preview.png", "viewer.html"
 MODEL = "model"
 """Stem of the model's files."""
 
 
-def rig(result: Result, clock: Clock | None = None) -> "RiggedAnimal":
-    """The animal with skeleton, skin and clips, and the texture that the settings ask for.
+def texture(result: Result) -> "Texture | None":
+    """See :attr:`fauna.reconstruct.result.Result.texture`."""
+    fit, output = _fit(result), result.settings.output
+    if not output.texture_size:
+        return None
+    from fauna.texture import bake
 
-    Args:
-        result: with an animal.
-        clock: where stages ``texture`` and ``rig`` are added.
+    return bake(fit.model, fit.out, size=output.texture_size, source=output.texture_source, batch=fit.batch)
 
-    Raises:
-        FaunaError: when there is no animal.
-    """
+
+def rig(result: Result) -> "RiggedAnimal":
+    """See :meth:`fauna.reconstruct.result.Result.rigged`."""
     from fauna.export import rig_reconstruction
 
-    fit, clock = _fit(result), clock or Clock()
-    texture = None
-    if result.settings.output.texture_size:
-        from fauna.texture import bake
-
-        with clock.stage("texture"):
-            texture = bake(fit.model, fit.out, size=result.settings.output.texture_size)
-    with clock.stage("rig"):
-        return rig_reconstruction(fit.model, fit.out, name=result.name, texture=texture)
+    fit = _fit(result)
+    return rig_reconstruction(fit.model, fit.out, name=result.name, texture=result.texture)
 
 
 def write(result: Result, folder: Path, **extra: object) -> None:
@@ -69,7 +65,10 @@ def _models(result: Result, folder: Path, clock: Clock) -> list[str]:
     from fauna import export
 
     output = result.settings.output
-    animal = rig(result, clock)
+    with clock.stage("texture"):
+        _ = result.texture
+    with clock.stage("rig"):
+        animal = result.rigged()
     writers = {"glb": export.write_glb, "obj": export.write_obj, "ply": export.write_ply}
     files = []
     for kind in output.formats:

@@ -3,6 +3,8 @@
 import hashlib
 import io
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -63,14 +65,17 @@ def read_photograph(source: Source, settings: PhotoSettings) -> Photograph:
     """
     if isinstance(source, Path):
         content = _content(source, settings)
-        found = _decode(io.BytesIO(content), source.name, settings)
+        with _refusing(source.name), Image.open(io.BytesIO(content), formats=OPENED) as picture:
+            _check_size(picture.size, _most_pixels(picture, settings), source.name, settings)
+            found = _finish(picture, picture.format or "", settings)
         flags = found.flags
         if source.suffix.lower() not in SUFFIXES[found.format]:
             flags = ("wrong_suffix", *flags)
         return replace(found, name=source.stem, path=source, sha256=hashlib.sha256(content).hexdigest(), flags=flags)
-    picture = source if isinstance(source, Image.Image) else _from_array(source)
-    _check_size(picture, "the photograph", settings)
-    found = _finish(picture, "array", settings)
+    with _refusing("photo"):
+        picture = source if isinstance(source, Image.Image) else _from_array(source)
+        _check_size(picture.size, settings.max_pixels, "photo", settings)
+        found = _finish(picture.copy(), "array", settings)
     return replace(found, sha256=hashlib.sha256(found.image.tobytes()).hexdigest())
 
 
@@ -91,13 +96,13 @@ def _content(path: Path, settings: PhotoSettings) -> bytes:
         raise Refused("unreadable", f"{path}: expected a readable file, got {reason}; check its permissions") from error
 
 
-def _decode(stream: io.BytesIO, name: str, settings: PhotoSettings) -> Photograph:
+@contextmanager
+def _refusing(name: str) -> Iterator[None]:
+    """Turn whatever a damaged picture makes Pillow raise into a refusal."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of damaged notes inside the file, and of sizes that are checked here
-            with Image.open(stream, formats=OPENED) as picture:
-                _check_size(picture, name, settings)
-                return _finish(picture, picture.format or "", settings)
+            yield
     except FaunaError:
         raise
     except Image.DecompressionBombError as error:
@@ -105,25 +110,30 @@ def _decode(stream: io.BytesIO, name: str, settings: PhotoSettings) -> Photograp
             "too_large", f"{name}: expected a photograph, got too many pixels ({_line(error)}); reduce it"
         ) from error
     except Image.UnidentifiedImageError as error:
+        known = ", ".join(OPENED)
         raise Refused(
-            "unreadable", f"{name}: expected one of {', '.join(OPENED)}, got a file of another kind; convert it"
+            "unreadable", f"{name}: expected one of {known}, got a file of another kind; convert it"
         ) from error
     except MemoryError as error:
         raise Refused(
             "too_large", f"{name}: expected a photograph that fits into memory, got a larger one; reduce it"
         ) from error
-    except Exception as error:  # a damaged file raises anything from SyntaxError to IndexError
+    except Exception as error:  # anything from SyntaxError to IndexError
         raise Refused(
             "unreadable", f"{name}: expected a readable picture, got a damaged one ({_line(error)}); restore it"
         ) from error
 
 
-def _check_size(picture: Image.Image, name: str, settings: PhotoSettings) -> None:
-    width, height = picture.size
-    most = settings.max_pixels
-    if picture.format in ("JPEG", "MPO"):
-        progressive = bool(picture.info.get("progressive") or picture.info.get("progression"))
-        most = settings.max_pixels_progressive if progressive else settings.max_pixels_jpeg
+def _most_pixels(picture: Image.Image, settings: PhotoSettings) -> int:
+    """JPEG can be decoded at a reduced size; when progressive, its coefficients are held whole all the same."""
+    if picture.format not in ("JPEG", "MPO"):
+        return settings.max_pixels
+    progressive = picture.info.get("progressive") or picture.info.get("progression")
+    return settings.max_pixels_progressive if progressive else settings.max_pixels_jpeg
+
+
+def _check_size(size: tuple[int, int], most: int, name: str, settings: PhotoSettings) -> None:
+    width, height = size
     if width * height > most:
         raise Refused(
             "too_large", f"{name}: expected at most {most / 1e6:.0f} million pixels, got {width}x{height}; reduce it"
@@ -141,7 +151,6 @@ def _finish(picture: Image.Image, kind: str, settings: PhotoSettings) -> Photogr
     orientation = read_orientation(picture)
     if kind != "MPO" and getattr(picture, "is_animated", False):
         flags.append("animated")
-        picture.seek(0)
     if kind in ("JPEG", "MPO"):
         picture.draft(None, (settings.work_side, settings.work_side))
     picture.load()
@@ -154,7 +163,7 @@ def _finish(picture: Image.Image, kind: str, settings: PhotoSettings) -> Photogr
     rgb, alpha = oriented(rgb, orientation), None if alpha is None else oriented(alpha, orientation)
     if rgb.size[0] * rgb.size[1] < stored[0] * stored[1]:
         flags.append("reduced")
-    size = stored if orientation < 5 else stored[::-1]
+    size = stored if orientation < 5 else (stored[1], stored[0])
     return Photograph(
         image=np.array(rgb),
         alpha=None if alpha is None else np.array(alpha),

@@ -48,14 +48,14 @@ def to_rgb(picture: Image.Image, shrink: float) -> tuple[Image.Image, Image.Imag
     """
     profile = picture.info.get("icc_profile")
     transparent = "transparency" in picture.info or picture.mode in ("RGBA", "LA", "PA", "La", "RGBa")
-    target = tuple(max(round(side / shrink), 1) for side in picture.size) if shrink > 1 else picture.size
+    width, height = (max(round(side / max(shrink, 1.0)), 1) for side in picture.size)
     picture = _eight_bits(picture)
     if transparent:
         picture = picture.convert("RGBA")
     elif picture.mode in ("P", "1", "PA"):
         picture = picture.convert("RGB")
-    if target != picture.size:
-        picture = picture.resize(target, Image.Resampling.BILINEAR, reducing_gap=2.0)
+    if (width, height) != picture.size:
+        picture = picture.resize((width, height), Image.Resampling.BILINEAR, reducing_gap=2.0)
     alpha = picture.getchannel("A") if transparent else None
     rgb, used = _managed(picture.convert("RGB") if transparent else picture, profile)
     if alpha is not None:

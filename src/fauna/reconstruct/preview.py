@@ -12,7 +12,6 @@ from fauna.geometry.camera import to_clip
 from fauna.geometry.mesh import vertex_normals
 from fauna.io.contact_sheet import shape_view
 from fauna.reconstruct.result import Fit, Result
-from fauna.renderer.deferred import render
 from fauna.types import Reconstruction
 
 COLUMNS = ("photograph and mask", "overlay", "mesh", "texture", "side", "skeleton")
@@ -35,12 +34,12 @@ def preview(result: Result, *, cell: int) -> Image.Image:
     fit = result.fit
     size = cell * SUPERSAMPLE
     photo = _photo(fit, size)
-    colour, coverage = textured(fit, size)
+    colour, coverage = _textured(result, fit, size)
     shade = shaded(fit, size)
     tint = shade * torch.tensor(TINT)[:, None, None]
     pictures = [
         _outlined(photo, fit, size),
-        photo * (1 - 0.7 * coverage) + 0.7 * coverage * tint,
+        photo * (1 - 0.6 * coverage) + 0.6 * coverage * tint,
         (shade * coverage + (1 - coverage)).expand(3, -1, -1),
         colour + (1 - coverage),
         F.interpolate(shape_view(fit.model, fit.out.posed, "side", cell)[None], (size, size))[0].cpu(),
@@ -50,23 +49,16 @@ def preview(result: Result, *, cell: int) -> Image.Image:
     return _captioned(Image.fromarray((strip.permute(1, 2, 0).numpy() * 255).round().astype(np.uint8)), result, cell)
 
 
-@torch.no_grad()
-def textured(fit: Fit, size: int) -> tuple[Float[Tensor, "3 size size"], Float[Tensor, "1 size size"]]:
-    """The animal in the photograph's camera, in its colours over black, and its coverage.
+def _textured(result: Result, fit: Fit, size: int) -> tuple[Float[Tensor, "3 size size"], Float[Tensor, "1 size size"]]:
+    """The animal in the photograph's camera, in the colours of its texture (or of the network) over black, and its coverage."""
+    from fauna.texture.replay import render_network, render_textured
 
-    Args:
-        fit: the animal.
-        size: side, pixels.
-    """
-    model, batch, out = fit.model, fit.batch, fit.out
-    features = model.mask_embedding(model.feature_space.normalize(model.encode(batch)), batch.masks)
-    texture = model.embedder(features).texture
-    renders = render(
-        model.renderer, out.posed, out.base.topology, out.camera, (size, size),
-        appearance=model.appearance, texture=texture, code=out.code, light=model.appearance.light(texture),
-        feature_lookup=model.feature_lookup, wanted=None, share=1.0, generator=None,
-    )  # fmt: skip
-    return renders.image(renders.shading.rgb)[0].cpu(), renders.silhouette[:1].cpu()
+    baked = result.texture
+    if baked is None:
+        colour, seen = render_network(fit.model, fit.out, size=size)
+    else:
+        colour, seen = render_textured(fit.model, fit.out, baked, size=size)
+    return colour.cpu(), seen.fragments.covered[:1].float().cpu()
 
 
 @torch.no_grad()
@@ -92,7 +84,9 @@ def _photo(fit: Fit, size: int) -> Float[Tensor, "3 size size"]:
 def _outlined(photo: Float[Tensor, "3 size size"], fit: Fit, size: int) -> Float[Tensor, "3 size size"]:
     """The photograph, darker around the mask, with the mask's outline."""
     mask = np.array(Image.fromarray(fit.mask).resize((size, size), Image.Resampling.NEAREST))
-    line = torch.from_numpy(binary_dilation(mask, iterations=2) & ~binary_erosion(mask, iterations=2))
+    line = torch.from_numpy(
+        np.asarray(binary_dilation(mask, iterations=2)) & ~np.asarray(binary_erosion(mask, iterations=2), bool)
+    )
     darker = photo * torch.where(torch.from_numpy(mask), 1.0, 0.55)
     return torch.where(line, torch.tensor(OUTLINE)[:, None, None], darker)
 

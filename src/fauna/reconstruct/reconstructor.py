@@ -1,5 +1,7 @@
 """Photograph in, animals out: the one path that the command line and :func:`fauna.load` share."""
 
+import contextlib
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,19 +17,19 @@ from fauna.data.cut import cut
 from fauna.data.photos import RawPhoto
 from fauna.data.single import crop_batch
 from fauna.errors import FaunaError
-from fauna.masks.animals import split_animals, touched_border
+from fauna.masks.animals import extent, split_animals, touched_border
 from fauna.masks.base import Segmenter
 from fauna.model import FaunaModel
 from fauna.reconstruct.clock import Clock
 from fauna.reconstruct.mask_files import FoundMasks, alpha_mask, array_masks, masks_beside, read_masks
 from fauna.reconstruct.photograph import Photograph, Source, read_photograph
-from fauna.reconstruct.quality import Measures, confidence, measure
+from fauna.reconstruct.quality import confidence, judge, measure
 from fauna.reconstruct.result import Fit, InputFacts, Result, Weights
 from fauna.reconstruct.settings import Settings
-from fauna.reconstruct.status import Refused, Status
+from fauna.reconstruct.status import Refused
 from fauna.types import Batch, Reconstruction
 
-MaskInput = str | Path | np.ndarray
+MaskInput = str | Path | Image.Image | np.ndarray
 
 
 @dataclass(frozen=True)
@@ -103,15 +105,19 @@ class Reconstructor:
     def _masks(self, photograph: Photograph, given: Sequence[MaskInput] | None) -> FoundMasks:
         """In this order: given ones, files beside the photograph, the alpha channel, the segmenter's."""
         if given is not None:
-            arrays = [each for each in given if isinstance(each, np.ndarray)]
-            if arrays and len(arrays) < len(given):
+            files = [Path(each).expanduser() for each in given if isinstance(each, str | Path)]
+            arrays = [
+                np.array(each.convert("L")) if isinstance(each, Image.Image) else each
+                for each in given
+                if not isinstance(each, str | Path)
+            ]
+            if files and arrays:
                 raise FaunaError("masks: expected files or arrays, got both; give one kind")
-            if arrays:
-                return array_masks(arrays, photograph)
-            return read_masks([Path(each).expanduser() for each in given], photograph, "given")  # type: ignore[arg-type]
+            limits = self.settings.mask
+            return array_masks(arrays, photograph) if arrays else read_masks(files, photograph, "given", limits)
         beside = masks_beside(photograph.path) if photograph.path is not None else []
         if beside:
-            return read_masks(beside, photograph, "beside")
+            return read_masks(beside, photograph, "beside", self.settings.mask)
         flags: tuple[str, ...] = ()
         if photograph.alpha is not None:
             found = alpha_mask(photograph, self.settings.mask)
@@ -126,18 +132,18 @@ class Reconstructor:
     ) -> tuple[list[Bool[np.ndarray, "height width"]], tuple[str, ...]]:
         """Each animal's mask, largest first, and flags."""
         limits = self.settings.mask
-        shares = {"animal_share": limits.animal_share, "speck_share": limits.speck_share}
-        animals = [animal for mask in found.masks for animal in split_animals(mask, **shares)]
+        parts = {"animal_share": limits.animal_share, "speck_share": limits.speck_share, "same_gap": limits.same_gap}
+        animals = [animal for mask in found.masks for animal in split_animals(mask, **parts)]
         if not animals:
             what = "nothing that stands out" if found.source == "segmenter" else "an empty mask"
             raise Refused("no_animal", f"{photograph.name}: expected an animal, got {what}; give a mask of the animal")
         animals.sort(key=lambda animal: -int(animal.sum()))
-        large = [animal for animal in animals if _extent(animal) * photograph.scale >= limits.min_extent]
+        large = [animal for animal in animals if extent(animal) * photograph.scale >= limits.min_extent]
         if not large:
             raise Refused(
                 "too_small",
                 f"{photograph.name}: expected an animal of at least {limits.min_extent} pixels, got "
-                f"{_extent(animals[0]) * photograph.scale:.0f}; use a larger photograph",
+                f"{extent(animals[0]) * photograph.scale:.0f}; use a larger photograph",
             )
         flags = ("several_animals",) if len(large) > 1 else ()
         return large[: limits.max_animals], flags + (("more_animals",) if len(large) > limits.max_animals else ())
@@ -158,31 +164,30 @@ class Reconstructor:
             fit = self._fit(photograph, mask, clock)
         except FaunaError as error:
             return self._refusal(name, Refused("failed", str(error)), flags, facts, clock)
-        output = self.settings.output
         if fit.measures.ambiguity >= self.settings.quality.ambiguous:
             flags = (*flags, "ambiguous_viewpoint")
-        flags += ("refined",) if output.refine_steps else ()
-        flags += ("texture_finetuned",) if output.texture_size and output.finetune_iterations else ()
-        status, reason = _judged(fit.measures)
+        flags += ("refined",) if fit.refined_iou is not None else ()
+        flags += ("texture_finetuned",) if fit.model is not self.model else ()
+        status, reason = judge(fit.measures, self.settings.quality)
         return Result(
-            name,
-            status,
-            reason,
-            flags,
-            confidence(fit.measures),
-            facts,
-            self.weights,
-            self.settings,
-            fit,
-            clock.seconds,
+            name=name,
+            status=status,
+            reason=reason,
+            flags=flags,
+            confidence=confidence(fit.measures, self.settings.quality),
+            source=facts,
+            weights=self.weights,
+            settings=self.settings,
+            fit=fit,
+            seconds=clock.seconds,
         )
 
     def _fit(self, photograph: Photograph, mask: Bool[np.ndarray, "height width"], clock: Clock) -> Fit:
         """The model's answer, refined and fine-tuned as the settings say."""
         settings = self.settings
         with clock.stage("crop"):
-            window = ruled_window(mask, settings.crop.rule)
-            crop, small, box = cut(Image.fromarray(photograph.image), mask, window, settings.crop.size)
+            place = ruled_window(mask, settings.crop.rule)
+            crop, small, box = cut(Image.fromarray(photograph.image), mask, place, settings.crop.size)
             raw = RawPhoto(crop, small, box, None)
             batch = crop_batch(self.model.encoder, raw, size=settings.crop.size).to(self.model.device)
         with clock.stage("features"):
@@ -191,23 +196,32 @@ class Reconstructor:
             out = self.model(batch)
         if not bool(torch.isfinite(out.posed.verts).all()) or not len(out.posed.faces):
             raise FaunaError(f"{photograph.name}: expected a mesh, got none from this mask; give another mask")
-        model = self.model
-        out = self._refined(model, batch, out, clock)
-        measures = measure(model, batch, out)
-        if settings.output.texture_size and settings.output.finetune_iterations:
-            from fauna.texture import finetune
+        measures = measure(self.model, batch, out)
+        out, refined_iou = self._refined(batch, out, clock)
+        model = self._finetuned(batch, out, clock)
+        window = _scaled(box, photograph.scale)
+        return Fit(model, batch, out, window, crop, small, measures, refined_iou)
 
-            with clock.stage("finetune"):
-                model = finetune(model, batch, out, iterations=settings.output.finetune_iterations)
-        return Fit(model, batch, out, _scaled(box, photograph.scale), crop, small, measures)
-
-    def _refined(self, model: FaunaModel, batch: Batch, out: Reconstruction, clock: Clock) -> Reconstruction:
+    def _refined(self, batch: Batch, out: Reconstruction, clock: Clock) -> tuple[Reconstruction, float | None]:
+        """With camera and bone angles fitted to the mask, and the IoU after that."""
         if not self.settings.output.refine_steps:
-            return out
+            return out, None
         from fauna.texture import refine
 
         with clock.stage("refine"):
-            return refine(model, batch, out, steps=self.settings.output.refine_steps)
+            refined = refine(self.model, batch, out, steps=self.settings.output.refine_steps)
+        return refined.out, refined.iou_after[0]
+
+    def _finetuned(self, batch: Batch, out: Reconstruction, clock: Clock) -> FaunaModel:
+        """With the texture network fitted to the photograph; the model itself where outline and mask have nothing in common."""
+        output = self.settings.output
+        if not (output.texture_size and output.finetune_iterations):
+            return self.model
+        from fauna.texture import finetune
+
+        with clock.stage("finetune"), contextlib.suppress(FaunaError):
+            return finetune(self.model, batch, out, iterations=output.finetune_iterations)
+        return self.model
 
     def _mask_facts(self, facts: InputFacts, found: FoundMasks) -> InputFacts:
         segmenter = self.segmenter.name if found.source == "segmenter" else None
@@ -215,12 +229,16 @@ class Reconstructor:
 
     def _refusal(self, name: str, refusal: Refused, flags: tuple[str, ...], facts: InputFacts, clock: Clock) -> Result:
         return Result(
-            name, refusal.status, str(refusal), flags, 0.0, facts, self.weights, self.settings, None, clock.seconds
+            name=name,
+            status=refusal.status,
+            reason=str(refusal),
+            flags=flags,
+            confidence=0.0,
+            source=facts,
+            weights=self.weights,
+            settings=self.settings,
+            seconds=clock.seconds,
         )
-
-
-def _judged(measures: Measures) -> tuple[Status, str]:
-    return "ok", ""
 
 
 def _photo_facts(photograph: Photograph) -> InputFacts:
@@ -233,17 +251,10 @@ def _photo_facts(photograph: Photograph) -> InputFacts:
     )
 
 
-def _extent(mask: Bool[np.ndarray, "height width"]) -> int:
-    rows, columns = np.nonzero(mask)
-    return int(max(np.ptp(rows), np.ptp(columns))) + 1
-
-
 def _scaled(box: CropBox, scale: float) -> CropBox:
     """A place in the working picture as one in the photograph."""
     return CropBox(*(getattr(box, name) * scale for name in CropBox.__dataclass_fields__))
 
 
 def _digest(mask: Bool[np.ndarray, "height width"]) -> str:
-    import hashlib
-
     return hashlib.sha256(mask.tobytes()).hexdigest()

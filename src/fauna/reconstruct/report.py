@@ -58,6 +58,7 @@ def _animal(fit: Fit) -> dict[str, Any]:
     chosen = int(out.selection.hypothesis[0])
     return {
         "measures": {name: _rounded(value) for name, value in asdict(fit.measures).items()},
+        "refined_iou": _rounded(fit.refined_iou),
         "crop": {name: _rounded(value) for name, value in asdict(fit.window).items()},
         "camera": {
             "camera_from_world": _plain(out.camera.camera_from_world[0]),

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ from fauna.types import Batch, Reconstruction
 
 if TYPE_CHECKING:
     from fauna.export import RiggedAnimal
+    from fauna.texture import Texture
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,8 @@ class Fit:
         window: place of the crop, pixels of the upright photograph.
         crop: (size, size, 3) 8-bit RGB.
         mask: (size, size) of the animal.
-        measures: how well it fits.
+        measures: how well what the model said fits.
+        refined_iou: of mask and silhouette after camera and pose were fitted to the mask, ``None`` where they were not.
     """
 
     model: FaunaModel
@@ -80,6 +83,7 @@ class Fit:
     crop: UInt8[np.ndarray, "size size 3"]
     mask: Bool[np.ndarray, "size size"]
     measures: Measures
+    refined_iou: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +118,17 @@ class Result:
     def ok(self) -> bool:
         """Whether the status is ``ok``."""
         return self.status == "ok"
+
+    @cached_property
+    def texture(self) -> "Texture | None":
+        """The texture that the settings ask for, baked when first asked for.
+
+        Raises:
+            FaunaError: when there is no animal.
+        """
+        from fauna.reconstruct.outputs import texture
+
+        return texture(self)
 
     def rigged(self) -> "RiggedAnimal":
         """The animal with skeleton, skin, clips and, unless the settings leave it out, texture.

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, Literal, TypeVar, get_type_hints
 
 import yaml
 
@@ -45,7 +45,9 @@ class MaskSettings:
         segmenter: for photographs without a mask: ``grabcut``, ``sam[:MODEL]`` or ``rembg[:MODEL]``.
         animal_share: parts of a mask with this share of the largest part's area are animals of their own.
         speck_share: smaller parts are dropped; those between belong to the nearest animal.
+        same_gap: widest gap between two parts of one animal, extents of its larger part.
         max_animals: of a photograph.
+        max_pixels: of a mask's file.
         min_extent: longer side of an animal's bounding box, pixels of the photograph.
         alpha_shares: an alpha channel is a mask when the opaque share of the picture lies between these.
         alpha_decided: and at least this share of the pixels is nearly opaque or nearly transparent.
@@ -56,7 +58,9 @@ class MaskSettings:
     segmenter: str
     animal_share: float
     speck_share: float
+    same_gap: float
     max_animals: int
+    max_pixels: int
     min_extent: int
     alpha_shares: tuple[float, float]
     alpha_decided: float
@@ -84,10 +88,18 @@ class QualitySettings:
     Attributes:
         border_share: of the bounding box's circumference on the photograph's border from which an animal counts as cut.
         ambiguous: entropy of the viewpoint hypotheses, relative to that of equal ones, from which the viewpoint is a guess.
+        bias: of the logistic model of :func:`fauna.reconstruct.quality.confidence`.
+        iou: its weight of the outlines' IoU.
+        strangeness: its weight against strangeness.
+        quadruped: confidence below which the status is ``not_a_quadruped``.
     """
 
     border_share: float
     ambiguous: float
+    bias: float
+    iou: float
+    strangeness: float
+    quadruped: float
 
 
 @dataclass(frozen=True)
@@ -98,6 +110,7 @@ class OutputSettings:
         formats: of the model, of :data:`FORMATS`.
         resolution: of the lattice the mesh is cut from, in the paper's units; ``None`` is that of the training.
         texture_size: side of the texture, pixels; 0 leaves the texture out.
+        texture_source: ``network`` or ``photo``, see :func:`fauna.texture.bake`.
         finetune_iterations: steps by which the texture network is fitted to the photograph; 0 leaves that out.
         refine_steps: steps by which bone angles and camera are fitted to the mask; 0 leaves that out.
         preview_cell: side of a picture of ``preview.png``, pixels.
@@ -108,6 +121,7 @@ class OutputSettings:
     formats: tuple[str, ...]
     resolution: int | None
     texture_size: int
+    texture_source: Literal["network", "photo"]
     finetune_iterations: int
     refine_steps: int
     preview_cell: int
@@ -131,6 +145,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         check_choice("crop.rule", self.crop.rule, CROP_RULES)
+        check_choice("texture source", self.output.texture_source, ("network", "photo"))
         for name in self.output.formats:
             check_choice("format", name, FORMATS)
         if self.output.resolution is not None:
