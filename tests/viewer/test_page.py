@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from fauna.errors import FaunaError
-from fauna.viewer import viewer_html, write_viewer
+from fauna.viewer import ViewerFrame, viewer_html, write_viewer
 from tests.models3d.glb_writer import Writer
 
 ASSETS = resources.files("fauna.viewer") / "assets"
@@ -137,3 +137,14 @@ def test_the_bundle_was_made_from_the_sources_beside_it():
     assert version is not None
     assert f"three.js {version[1]}, MIT" in bundle.splitlines()[0]
     assert "Permission is hereby granted" in (ASSETS / "LICENSE-three.txt").read_text(encoding="utf-8")
+
+
+def test_a_frame_carries_the_page_and_shuts_it_off(glb):
+    page = viewer_html(glb, title='A "quoted" one', facts=FACTS)
+    frame = ViewerFrame(page, 300)
+    ((tag, attributes),) = _Parts(frame._repr_html_()).attributes
+    assert tag == "iframe"
+    assert attributes["srcdoc"] == page
+    assert attributes["sandbox"].split() == ["allow-scripts", "allow-downloads"]
+    assert "height:300px" in attributes["style"]
+    assert len(repr(frame)) < 100

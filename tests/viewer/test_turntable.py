@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from fauna.errors import FaunaError
 from fauna.geometry.camera import to_clip
-from fauna.viewer import turntable_frames, video_suffix, write_turntable, write_video
+from fauna.viewer import portrait, turntable_frames, video_suffix, write_turntable, write_video
 from fauna.viewer.studio import FILLED, Turntable
 from fauna.viewer.turntable import posed_vertices, sample_clip
 from tests.viewer.animals import box_animal, swing, textured
@@ -172,3 +172,10 @@ def test_refuses_odd_sides(tmp_path, frames):
 def test_drawing_is_deterministic(frames):
     again = turntable_frames(textured(box_animal()), clip=None, size=64, frames=8, fps=8)
     assert all(np.array_equal(a, b) for a, b in zip(frames, again, strict=True))
+
+
+def test_a_portrait_is_the_first_picture_of_a_still_animal():
+    animal = box_animal()
+    first = turntable_frames(animal, clip=None, size=48, frames=1, fps=1)[0]
+    again = portrait(torch.from_numpy(animal.vertices), torch.from_numpy(animal.faces), size=48)
+    assert np.array_equal(again, first)

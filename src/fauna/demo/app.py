@@ -4,7 +4,8 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fauna.demo.guard import App, Guard
+from fauna.demo.bodies import App
+from fauna.demo.guard import Guard
 from fauna.demo.studio import HEIGHT, Shown, Studio
 
 if TYPE_CHECKING:

@@ -3,6 +3,7 @@
 import argparse
 import importlib.util
 import os
+import signal
 import socket
 import sys
 import tempfile
@@ -15,6 +16,7 @@ from fauna.cli import EXIT_INTERRUPTED, one_line_errors
 from fauna.errors import FaunaError
 
 COMMAND = "fauna-demo"
+EXIT_TERMINATED = 143
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,7 @@ class _Parser(argparse.ArgumentParser):
 def main() -> None:
     """Entry point of the command line."""
     options = parse(sys.argv[1:])
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(EXIT_TERMINATED))  # so that the folder is removed
     try:
         with one_line_errors(COMMAND):
             _serve(options)

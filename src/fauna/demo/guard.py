@@ -9,16 +9,11 @@ import asyncio
 import json
 import re
 import time
-from collections.abc import Awaitable, Callable, MutableMapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-Scope = MutableMapping[str, Any]
-Message = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Message]]
-Send = Callable[[Message], Awaitable[None]]
-App = Callable[[Scope, Receive, Send], Awaitable[None]]
+from fauna.demo.bodies import App, Counted, Message, Receive, Scope, Send, TooLarge, replay
 
 READ = re.compile(
     r"/|/config|/theme\.css|/favicon\.ico|/manifest\.json|/(assets|static|svelte)/[\w./@+-]+"
@@ -79,13 +74,13 @@ class Guard:
         if status:
             await _answer(send, *status)
             return
-        counted = _Counted(receive, limit)
+        counted = Counted(receive, limit)
         if CALL.fullmatch(scope["path"]) and scope["method"] == "POST":
             body = await counted.all()
             if body is None or not self._harmless(body):
                 await _answer(send, 413 if body is None else 400, "expected a small call with files of this page only")
                 return
-            await self.app(scope, _replay(body, receive), _with_headers(send))
+            await self.app(scope, replay(body, receive), _with_headers(send))
             return
         if (
             UPLOAD.fullmatch(scope["path"])
@@ -95,7 +90,7 @@ class Guard:
             return
         await self._pass(scope, counted, send)
 
-    async def _pass(self, scope: Scope, counted: "_Counted", send: Send) -> None:
+    async def _pass(self, scope: Scope, counted: "Counted", send: Send) -> None:
         begun = False
 
         async def watched(message: Message) -> None:
@@ -109,7 +104,7 @@ class Guard:
 
         try:
             await self.app(scope, counted, watched)
-        except _TooLarge:
+        except TooLarge:
             if not begun:
                 await _answer(send, 413, self._too_large)
 
@@ -161,56 +156,6 @@ class Guard:
     @property
     def _too_large(self) -> str:
         return f"expected at most {self.max_upload // 2**20} MB, got more; make the photograph smaller"
-
-
-class _TooLarge(Exception):
-    """The body goes on beyond its limit."""
-
-
-class _Counted:
-    """A body that ends when it is too long.
-
-    Args:
-        receive: the server's.
-        limit: bytes.
-    """
-
-    def __init__(self, receive: Receive, limit: int) -> None:
-        self.receive = receive
-        self.left = limit
-        self.exceeded = False
-
-    async def __call__(self) -> Message:
-        message = await self.receive()
-        self.left -= len(message.get("body", b""))
-        if self.left < 0:
-            self.exceeded = True
-            raise _TooLarge
-        return message
-
-    async def all(self) -> bytes | None:
-        """The whole body, ``None`` when it is too long or breaks off."""
-        parts = []
-        try:
-            while True:
-                message = await self()
-                if message["type"] != "http.request":
-                    return None
-                parts.append(message.get("body", b""))
-                if not message.get("more_body"):
-                    return b"".join(parts)
-        except _TooLarge:
-            return None
-
-
-def _replay(body: bytes, receive: Receive) -> Receive:
-    """The body once, then whatever else comes."""
-    waiting = [{"type": "http.request", "body": body, "more_body": False}]
-
-    async def again() -> Message:
-        return waiting.pop() if waiting else await receive()
-
-    return again
 
 
 def tidy(folder: Path, keep_seconds: int) -> int:

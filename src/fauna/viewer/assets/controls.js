@@ -44,6 +44,7 @@ export function connect(viewer) {
   toggle("skeleton", (on) => viewer.showSkeleton(on));
   toggle("wires", (on) => viewer.showWires(on));
   toggle("clay", (on) => viewer.showClay(on));
+  if (viewer.unpainted) part("clay").click();
   part("reset").addEventListener("click", () => viewer.resetView());
   part("save").addEventListener("click", () => save());
   const facts = part("facts");

@@ -34,6 +34,7 @@ export class Viewer {
       node.frustumCulled = false; // bounds of the rest pose do not hold for a clip
       this.meshes.push({ node, painted: node.material, clay: clayFor(node) });
     });
+    this.unpainted = this.meshes.every(({ painted }) => isPlain(painted));
     if (!this.meshes.length) throw new Error("the model has no surface");
     this.scene.add(this.model, ...lights());
     this.frame();
@@ -174,8 +175,13 @@ function clayFor(node) {
   return new MeshStandardMaterial({ color: 0xb9b2a6, roughness: 0.85, metalness: 0, side: DoubleSide });
 }
 
+// A white material that was never given a colour.
+function isPlain(material) {
+  return !Array.isArray(material) && !material.map && !material.vertexColors && material.color?.getHex() === 0xffffff;
+}
+
 function lights() {
-  const key = new DirectionalLight(0xfff4e6, 2.0);
+  const key = new DirectionalLight(0xfff4e6, 1.8);
   key.position.set(1.5, 3, 2);
   const rim = new DirectionalLight(0xdfe9ff, 0.9);
   rim.position.set(-2, 1.5, -2);
