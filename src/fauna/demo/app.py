@@ -9,7 +9,7 @@ from fauna.demo.guard import Guard
 from fauna.demo.studio import HEIGHT, Shown, Studio
 
 if TYPE_CHECKING:
-    import gradio as gr
+    import gradio as gr  # pyright: ignore[reportMissingImports]
 
 KEEP_SECONDS = 3600
 """How long uploads and results stay."""
@@ -35,8 +35,8 @@ def build_app(studio: Studio, folder: Path, *, max_upload: int, max_waiting: int
         max_waiting: photographs that may wait in the queue.
         host: address that is listened on; names of this computer are answered, and this one.
     """
-    import gradio as gr
-    from fastapi import FastAPI
+    import gradio as gr  # pyright: ignore[reportMissingImports]
+    from fastapi import FastAPI  # pyright: ignore[reportMissingImports]
 
     blocks = build_page(studio, folder).queue(max_size=max_waiting, default_concurrency_limit=1, api_open=False)
     app = gr.mount_gradio_app(
@@ -70,7 +70,7 @@ def build_app(studio: Studio, folder: Path, *, max_upload: int, max_waiting: int
 
 def build_page(studio: Studio, folder: Path) -> "gr.Blocks":
     """The components and what happens when a photograph comes in."""
-    import gradio as gr
+    import gradio as gr  # pyright: ignore[reportMissingImports]
 
     with gr.Blocks(analytics_enabled=False, title="fauna") as page:
         gr.Markdown(INTRODUCTION)
@@ -122,7 +122,7 @@ def _path(payload: Any) -> str | None:
 
 
 def _outputs(shown: Shown) -> tuple[Any, ...]:
-    import gradio as gr
+    import gradio as gr  # pyright: ignore[reportMissingImports]
 
     return (
         shown.viewer or EMPTY,

@@ -106,7 +106,7 @@ def _serve(options: Options) -> None:
     os.environ["HF_HUB_DISABLE_TELEMETRY"] = "1"
     with tempfile.TemporaryDirectory(prefix="fauna-demo-") as folder:
         os.environ["GRADIO_TEMP_DIR"] = folder  # read when Gradio is imported: the only folder whose files are served
-        import uvicorn
+        import uvicorn  # pyright: ignore[reportMissingImports]
 
         from fauna.demo.app import build_app
         from fauna.demo.studio import Studio
