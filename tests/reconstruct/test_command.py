@@ -48,6 +48,7 @@ def test_help_and_bad_options_in_a_process_of_their_own():
         (["photos", "--mask", "photos/a_mask.png"], ["--mask", "one photograph", "3"]),
         (["photos/a.png", "--mask", "nowhere.png"], ["--mask", "nowhere.png"]),
         (["photos", "--checkpoint", "nowhere.ckpt"], ["checkpoint", "nowhere.ckpt"]),
+        (["photos", "--threads", "0"], ["--threads", ">= 1"]),
         (["photos", "-o", "photos/a.png"], ["--out", "a file"]),
         (["photos", "--refine", "x"], ["--refine", "'x'", "--help"]),
         ([], ["PHOTO", "--help"]),

@@ -21,6 +21,7 @@ from fauna.reconstruct.outputs import write
 from fauna.reconstruct.reconstructor import Reconstructor
 from fauna.reconstruct.result import InputFacts, Result
 from fauna.reconstruct.settings import Settings
+from fauna.threads import set_threads
 
 SHOW_FROM = 2
 """Photographs from which a progress bar is worth its line."""
@@ -61,6 +62,7 @@ def run_jobs(
     device: str,
     masks: Sequence[Path] | None,
     overwrite: bool,
+    threads: int | None,
 ) -> list[str]:
     """Reconstruct photographs into ``out/<name>/``.
 
@@ -72,6 +74,7 @@ def run_jobs(
         device: where the model goes.
         masks: of the only photograph, ``None`` to find them.
         overwrite: replace results of other options.
+        threads: of the CPU, ``None`` leaves torch its choice.
 
     Returns:
         The status of every animal.
@@ -79,6 +82,7 @@ def run_jobs(
     Raises:
         FaunaError: when the model cannot be had, or ``out`` cannot be written.
     """
+    set_threads(threads)
     loader = Loader(checkpoint, device, settings)
     out.mkdir(parents=True, exist_ok=True)
     console = Console(highlight=False, soft_wrap=True)

@@ -104,6 +104,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     add("--no-turntable", action="store_true", help="leave the turntable out")
     add("--checkpoint", metavar="FILE", help="weights, checkpoint or run folder (default: the model in the package)")
     add("--device", default="cpu", help="where torch computes (default: %(default)s)")
+    add("--threads", type=int, metavar="N", help="CPU threads (default: torch's choice)")
     add("--overwrite", action="store_true", help="replace results that were made with other options")
     return parser.parse_args(arguments)  # fmt: skip
 
@@ -146,11 +147,13 @@ def _run(given: argparse.Namespace, settings: Settings) -> int:
     if given.out.exists() and not given.out.is_dir():
         raise FaunaError(f"--out: expected a folder, got {given.out}, which is a file; choose another")
 
+    if given.threads is not None and given.threads < 1:
+        raise FaunaError(f"--threads: expected a number >= 1, got {given.threads}; e.g. 2")
     from fauna.reconstruct.batch import run_jobs
 
     told = run_jobs(
         jobs, given.out.expanduser(), settings,
-        checkpoint=given.checkpoint, device=given.device, masks=given.mask, overwrite=given.overwrite,
+        checkpoint=given.checkpoint, device=given.device, masks=given.mask, overwrite=given.overwrite, threads=given.threads,
     )  # fmt: skip
     return 0 if all(status == "ok" for status in told) else EXIT_NOT_ALL_OK
 
