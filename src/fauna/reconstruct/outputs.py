@@ -65,14 +65,14 @@ def write(result: Result, folder: Path, **extra: object) -> None:
 
 def _models(result: Result, folder: Path, clock: Clock) -> list[str]:
     """Model, viewer and turntable; the names of the files."""
-    from fauna import export
+    from fauna.export import glb_bytes, write_glb, write_obj, write_ply
 
     output = result.settings.output
     with clock.stage("texture"):
         _ = result.texture
     with clock.stage("rig"):
         animal = result.rigged()
-    writers = {"glb": export.write_glb, "obj": export.write_obj, "ply": export.write_ply}
+    writers = {"glb": write_glb, "obj": write_obj, "ply": write_ply}
     files = []
     for kind in output.formats:
         with clock.stage("export"):
@@ -83,7 +83,7 @@ def _models(result: Result, folder: Path, clock: Clock) -> list[str]:
 
         with clock.stage("viewer"):
             write_viewer(
-                export.glb_bytes(animal),
+                glb_bytes(animal),
                 folder / VIEWER,
                 title=result.name,
                 facts=facts(result),
