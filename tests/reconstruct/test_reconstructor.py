@@ -64,7 +64,7 @@ def test_the_segmenter_is_asked_last_and_its_weakness_is_told(loaded, drawn):
 
 
 def test_two_animals(loaded, drawn):
-    image, mask = drawn
+    image, mask = np.pad(drawn[0], ((0, 0), (60, 60), (0, 0)), mode="edge"), np.pad(drawn[1], ((0, 0), (60, 60)))
     both, masks = np.concatenate([image, image[:, ::-1]], 1), np.concatenate([mask, mask[:, ::-1] * False], 1)
     other = np.concatenate([mask * False, mask[:, ::-1]], 1)
     results = loaded.reconstruct_all(both, masks=[masks | other], name="x")
