@@ -131,6 +131,20 @@ def test_resuming_at_every_boundary_equals_not_stopping(reference, tmp_path):
     assert first[-8:] == second[-8:]
 
 
+def test_a_run_from_other_weights_resumes_with_the_same_command(reference, tmp_path):
+    """Its viewpoints stay those of the other weights, to the last bit, and so does everything else."""
+    start = (f"init_from={reference / 'weights.safetensors'}", "init_components=[viewpoint,mask_embedding]")
+    words = (*EVERY_STEP, *start, "schedule.viewpoint_lr=0", "schedule.lr_decay.stop=30", "resume=auto")
+    for stop in (4, 8):
+        run(tmp_path / "stopped", *tiny(*words, f"trainer.max_steps={stop}"))
+    run(tmp_path / "whole", *tiny(*words, "trainer.max_steps=8"))
+    now, expected = (state(tmp_path / name, 8) for name in ("stopped", "whole"))
+    for key in ("state_dict", "optimizer_states", "global_step"):
+        assert_equal_bits(now[key], expected[key], key)
+    for part in ("model.viewpoint.", "model.mask_embedding."):
+        assert same_bits(weights_of(now, part), weights_of(state(tmp_path / "whole", 1), part))
+
+
 def test_log_keeps_what_came_before_a_resume(tmp_path):
     for stop in (3, 5):
         run(tmp_path, *tiny("callbacks.checkpoints.every_steps=3", f"trainer.max_steps={stop}", "resume=auto"))

@@ -90,8 +90,6 @@ def _check_root(cfg: DictConfig) -> None:
         raise FaunaError(f"seed: expected a whole number >= 0, got {cfg.seed}; e.g. seed=0")
     if cfg.init_components is not None and cfg.init_from is None:
         raise FaunaError("init_components: expected init_from beside it, got none; add init_from=WEIGHTS")
-    if cfg.resume is not None and cfg.init_from is not None:
-        raise FaunaError("resume: expected either resume or init_from, got both; leave one of them out")
     terms = {"weights": TERMS, "target_weights": IMAGE_TERMS}
     for group, known in terms.items():
         for name in cfg.schedule.get(group, {}):

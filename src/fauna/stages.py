@@ -157,6 +157,12 @@ class Schedule:
         _check_piecewise("leg_limits", leg_limits)
         _check_piecewise("grid_resolution", grid_resolution)
         _check_piecewise("viewpoint_lr", viewpoint_lr)
+        pairs = isinstance(viewpoint_lr, Sequence) and not isinstance(viewpoint_lr, str)
+        for factor in [value for _, value in viewpoint_lr] if pairs else [viewpoint_lr]:
+            if isinstance(factor, bool) or not isinstance(factor, int | float) or not 0 <= factor < float("inf"):
+                raise FaunaError(
+                    f"schedule.viewpoint_lr must be a factor >= 0 or pairs [step, factor], got {viewpoint_lr}; e.g. 0.1"
+                )
         for group, values in (("weights", weights), ("target_weights", target_weights)):
             for name, value in values.items():
                 _check_piecewise(f"{group}.{name}", value)

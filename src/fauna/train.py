@@ -88,6 +88,7 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     try:
         with interrupt.listening():
             trainer.fit(system, datamodule=data, ckpt_path=None if resume is None else str(resume), weights_only=True)
+            interrupt.raise_if_asked()
     except (SystemExit, KeyboardInterrupt) as stop:  # Lightning turns both signals into an exit of its own
         terminated = bool(getattr(trainer, "received_sigterm", False))
         raise Interrupted(
