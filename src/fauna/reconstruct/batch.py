@@ -62,7 +62,7 @@ def run_jobs(
     device: str,
     masks: Sequence[Path] | None,
     overwrite: bool,
-    threads: int | None,
+    threads: int,
 ) -> list[str]:
     """Reconstruct photographs into ``out/<name>/``.
 
@@ -74,7 +74,7 @@ def run_jobs(
         device: where the model goes.
         masks: of the only photograph, ``None`` to find them.
         overwrite: replace results of other options.
-        threads: of the CPU, ``None`` leaves torch its choice.
+        threads: of the CPU.
 
     Returns:
         The status of every animal.

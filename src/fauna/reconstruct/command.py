@@ -104,7 +104,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     add("--no-turntable", action="store_true", help="leave the turntable out")
     add("--checkpoint", metavar="FILE", help="weights, checkpoint or run folder (default: the model in the package)")
     add("--device", default="cpu", help="where torch computes (default: %(default)s)")
-    add("--threads", type=int, metavar="N", help="CPU threads (default: torch's choice)")
+    add("--threads", type=int, default=1, metavar="N", help="CPU threads (default: %(default)s)")
     add("--overwrite", action="store_true", help="replace results that were made with other options")
     return parser.parse_args(arguments)  # fmt: skip
 
@@ -147,7 +147,7 @@ def _run(given: argparse.Namespace, settings: Settings) -> int:
     if given.out.exists() and not given.out.is_dir():
         raise FaunaError(f"--out: expected a folder, got {given.out}, which is a file; choose another")
 
-    if given.threads is not None and given.threads < 1:
+    if given.threads < 1:
         raise FaunaError(f"--threads: expected a number >= 1, got {given.threads}; e.g. 2")
     from fauna.reconstruct.batch import run_jobs
 
