@@ -57,7 +57,7 @@ def measure(model: FaunaModel, batch: Batch, out: Reconstruction) -> Measures:
 def confidence(measures: Measures, settings: QualitySettings) -> float:
     """Probability, by a logistic model, that there is a four-legged animal in the mask; in [0, 1].
 
-    It rises with the overlap of the outlines and falls with the strangeness of the picture, and is calibrated for the shipped weights,
+    It rises with the overlap of the outlines and falls with the strangeness of the picture, and was calibrated for the weights before the present ones,
     under equally many animals and other things (``docs/reconstruct.md`` says on what, and how often it errs). It says nothing
     about parts that the photograph does not show.
     """
