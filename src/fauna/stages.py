@@ -202,7 +202,8 @@ class Schedule:
         found = {edge for window in (*self.windows.values(), self.all_hypotheses) for edge in window or () if edge}
         steps = (self.leg_limits, self.grid_resolution, self.viewpoint_lr)
         for value in (*self.weights.values(), *self.target_weights.values(), *steps):
-            found.update(start for start, _ in value or () if start) if isinstance(value, Sequence) else None
+            pairs = value if isinstance(value, Sequence) else ()
+            found.update(int(start) for start, _ in pairs if start)
         return sorted(edge - self.start_at for edge in found if edge > self.start_at)
 
     def _temperature(self, step: int) -> float:
