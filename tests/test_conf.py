@@ -23,7 +23,7 @@ COMPONENTS = (
     "renderer",
     "discriminator",
 )
-GROUPS = sorted({str(f.parent) for f in FILES if str(f.parent) not in (".", "experiment", "sweep")})
+GROUPS = sorted({str(f.parent) for f in FILES if str(f.parent) not in (".", "experiment", "queue", "sweep")})
 OPTIONS = [(group, f.stem) for group in GROUPS for f in FILES if str(f.parent) == group]
 EXPERIMENTS = sorted(f.stem for f in FILES if str(f.parent) == "experiment")
 
@@ -137,3 +137,12 @@ def test_schedule_weights_name_known_terms():
 def test_conf_ships_with_the_package():
     assert (CONF_DIR / "train.yaml").is_file()
     assert Path(CONF_DIR).is_absolute()
+
+
+def test_every_run_of_every_queue_composes_and_binds():
+    from fauna.queue.plan import read_plan
+
+    for path in (CONF_DIR / "queue").glob("*.yaml"):
+        plan = read_plan(path.stem, [])
+        for run in plan.runs():
+            validate(composed(f"+experiment={plan.experiment}", *run.overrides))

@@ -2,6 +2,7 @@
 
 import hashlib
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -85,14 +86,32 @@ class ZooPhotos(PhotoCollection):
         photos_per_species: number of photographs of each species.
         image_size: side of a crop, pixels.
         species: the species to use, ``None`` = all.
+        few_shot: number of photographs of those species that have another number, e.g. of rare ones; ``None`` = of none.
+
+    Raises:
+        FaunaError: for an unknown species, or one without a photograph.
     """
 
-    def __init__(self, *, seed: int, photos_per_species: int, image_size: int, species: list[str] | None) -> None:
+    def __init__(
+        self,
+        *,
+        seed: int,
+        photos_per_species: int,
+        image_size: int,
+        species: list[str] | None,
+        few_shot: Mapping[str, int] | None = None,
+    ) -> None:
         from fauna.zoo import SPECIES
 
-        unknown = sorted(set(species or ()) - set(SPECIES))
+        self.few_shot = dict(few_shot or {})
+        unknown = sorted({*(species or ()), *self.few_shot} - set(SPECIES))
         if unknown:
             raise FaunaError(f"data.source.species: expected names among {', '.join(SPECIES)}, got {unknown}")
+        if min(self.few_shot.values(), default=1) < 1:
+            raise FaunaError(
+                f"data.source.few_shot: expected at least one photograph of each species, got {self.few_shot}; "
+                "leave species out with data.source.species"
+            )
         self.seed = seed
         self.photos_per_species = photos_per_species
         self.image_size = image_size
@@ -110,7 +129,7 @@ class ZooPhotos(PhotoCollection):
                     photograph=f"{species}/individual-{zoo.individual(species, index)}",
                     source=ZooSource(self.seed, self.image_size, species, index),
                 )
-                for index in range(self.photos_per_species)
+                for index in range(self.few_shot.get(species, self.photos_per_species))
             )
             found[species] = CategoryPhotos(species, train=photos)
         return found
@@ -118,7 +137,8 @@ class ZooPhotos(PhotoCollection):
     @property
     def identity(self) -> str:
         """Seed and sizes."""
-        return f"zoo-{self.seed}-{self.image_size}-{self.photos_per_species}-{len(self.species)}"
+        rare = "".join(f"-{species}{number}" for species, number in sorted(self.few_shot.items()))
+        return f"zoo-{self.seed}-{self.image_size}-{self.photos_per_species}-{len(self.species)}{rare}"
 
     @property
     def keypoint_names(self) -> tuple[str, ...]:

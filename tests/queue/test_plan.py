@@ -1,0 +1,52 @@
+import pytest
+
+from fauna.errors import FaunaError
+from fauna.queue.plan import read_plan
+
+
+def test_the_rows_of_the_paper_are_there_and_first_seeds_come_first():
+    plan = read_plan("ablation", [])
+    runs = [run.name for run in plan.runs()]
+    assert runs[: len(plan.rows)] == [f"{row}-0" for row in plan.rows]
+    assert {"final", "no_bank", "category", "no_adversarial", "single", "k2", "k10", "k100"} == set(plan.rows)
+    assert runs.count("final-1") == 1
+    assert "k2-1" not in runs
+    assert len(set(runs)) == len(runs)
+
+
+def test_keys_can_be_changed_and_lists_may_nest():
+    plan = read_plan(
+        "ablation", ["evaluations.real=[data=fauna,data.root=photos,baselines=[]]", "seeds=[3,4]", "experiment=tiny"]
+    )
+    assert plan.evaluations["real"] == ["data=fauna", "data.root=photos", "baselines=[]"]
+    assert "zoo" in plan.evaluations
+    assert plan.seeds == [3, 4]
+    assert plan.experiment == "tiny"
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "expected"),
+    [
+        ("ablatoin", [], "expected one of ablation"),
+        ("missing.yaml", [], "expected one of ablation"),
+        ("ablation", ["epochs=3"], "with a key among out, jobs, experiment"),
+        ("ablation", ["rows.final=bank=none"], "rows.final"),
+        ("ablation", ["more_seeds.nobody=[1]"], "names of rows"),
+        ("ablation", ["seeds=[one]"], "whole numbers"),
+    ],
+)
+def test_wrong_words_get_one_line(name, changes, expected):
+    with pytest.raises(FaunaError, match=expected) as caught:
+        read_plan(name, changes)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_of_ones_own(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        "experiment: tiny\nseeds: [0]\nrows: {a: [], b: [bank=none]}\nevaluations: {zoo: [data=zoo]}\nmetrics: [iou]\n"
+    )
+    assert [run.name for run in read_plan(str(path), []).runs()] == ["a-0", "b-0"]
+    path.write_text("rows: [")
+    with pytest.raises(FaunaError, match="mend"):
+        read_plan(str(path), [])
