@@ -74,9 +74,7 @@ def _row(plan: Plan, row: str, loaded: Mapping[Run, Loaded]) -> dict[str, Any]:
     for group, title in GROUPS.items():
         for metric in plan.metrics:
             column = f"{title} {metric}".strip()
-            found = [_value(report, group, metric) for report in own.values()]
-            if found and None not in found:
-                values[column] = {"mean": sum(found) / len(found), "seeds": found}
+            _fill(values, column, [_value(report, group, metric) for report in own.values()])
             shared = sorted(set(own) & set(first)) if own != first else []
             rows = [paired(first[seed], own[seed], group, metric, bootstrap=BOOTSTRAP, seed=0) for seed in shared]
             if rows and all(each["low"] is not None for each in rows):
@@ -84,9 +82,14 @@ def _row(plan: Plan, row: str, loaded: Mapping[Run, Loaded]) -> dict[str, Any]:
     for title, species in plan.groups.items():
         for metric in plan.metrics:
             found = [_mean_of_species(report, species, metric) for report in own.values()]
-            if found and None not in found:
-                values[f"{title} {metric}"] = {"mean": sum(found) / len(found), "seeds": found}
+            _fill(values, f"{title} {metric}", found)
     return {"seeds": sorted(own), "values": values, "differences": differences}
+
+
+def _fill(values: dict[str, Any], column: str, found: Sequence[float | None]) -> None:
+    known = [value for value in found if value is not None]
+    if known and len(known) == len(found):
+        values[column] = {"mean": sum(known) / len(known), "seeds": known}
 
 
 def _difference(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
