@@ -12,7 +12,7 @@ from fauna.evaluation.draw import CELL
 from fauna.evaluation.report import write_reports
 from fauna.evaluation.scoring import ScoreOptions
 from fauna.plots import gallery
-from fauna.plots.gallery import CAPTION, COLUMNS, HEADER, Example, choose, read_report, sheet
+from fauna.plots.gallery import CAPTION, COLUMNS, HEADER, MESHES, Example, choose, read_report, sheet
 from tests.evaluation.objects import write_predictions
 
 EXAMPLES = [Example(f"{place:02d}", None if place == 5 else ((7 * place) % 20) / 20) for place in range(20)]
@@ -90,6 +90,15 @@ def test_head_at_the_other_end_turns_front_and_back(report, monkeypatch):
     assert np.array_equal(plain["front"], turned["back"])
     assert np.array_equal(plain["back"], turned["front"])
     assert np.array_equal(plain["mesh as seen"], turned["mesh as seen"])
+
+
+def test_photographs_can_be_left_out(report):
+    read = read_report(report, "metrics")
+    whole, meshes = (
+        np.asarray(sheet(read, read.examples[:1], columns))[HEADER + CAPTION :] for columns in (COLUMNS, MESHES)
+    )
+    assert meshes.shape[1] == len(MESHES) * CELL
+    assert np.array_equal(meshes, whole[:, 2 * CELL :])
 
 
 def test_many_stand_in_two_columns(report):

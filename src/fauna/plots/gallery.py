@@ -22,6 +22,8 @@ from fauna.metrics.sample import Sample
 from fauna.random import derive_seed
 
 COLUMNS = ("photograph", "mask and silhouette", "mesh as seen", "side", "front", "back")
+MESHES = COLUMNS[2:]
+"""Columns that show nothing of the dataset, for photographs that must not be passed on."""
 SIDE, BACK = np.array(VIEWS["side"]).T, np.array(VIEWS["behind"]).T
 FRONT = np.eye(3)
 HALF_TURN = np.diag([-1.0, 1.0, -1.0])
@@ -72,13 +74,14 @@ def main() -> None:
     parser.add_argument(
         "--head", choices=("+z", "-z"), help="where the head is; default: where the report found it, else +z"
     )
+    parser.add_argument("--meshes", action="store_true", help="leave out photographs and masks")
     given = parser.parse_args()
     with one_line_errors("python -m fauna.plots.gallery"):
         report = read_report(given.report, given.group)
         if given.head is not None:
             report = replace(report, flipped=given.head == "-z")
         for title, chosen in choose(report.examples, given.count, given.extremes, given.seed).items():
-            save_png(sheet(report, chosen), given.out / f"{title}.png")
+            save_png(sheet(report, chosen, MESHES if given.meshes else COLUMNS), given.out / f"{title}.png")
             print(f"{title}: {given.out / f'{title}.png'}")
 
 
@@ -133,8 +136,13 @@ def choose(examples: Sequence[Example], count: int, extremes: int, seed: int) ->
     return {title: chosen for title, chosen in found.items() if chosen}
 
 
-def sheet(report: Report, chosen: Sequence[Example]) -> Image.Image:
-    """One contact sheet of :data:`COLUMNS`, a row for each example.
+def sheet(report: Report, chosen: Sequence[Example], columns: Sequence[str] = COLUMNS) -> Image.Image:
+    """One contact sheet, a row for each example.
+
+    Args:
+        report: of the examples.
+        chosen: examples.
+        columns: the last of :data:`COLUMNS`, all or :data:`MESHES`.
 
     Raises:
         FaunaError: when predictions are missing.
@@ -152,7 +160,8 @@ def sheet(report: Report, chosen: Sequence[Example]) -> Image.Image:
         _strip(samples[each.name], thumbnails[each.name], predictions[each.name], flipped=report.flipped)
         for each in chosen
     ]
-    return _arrange(strips, [_caption(each) for each in chosen])
+    hidden = (len(COLUMNS) - len(columns)) * draw.CELL
+    return _arrange([strip[:, hidden:] for strip in strips], [_caption(each) for each in chosen], columns)
 
 
 def _samples(folder: Path, wanted: set[str]) -> tuple[dict[str, Sample], dict[str, bytes]]:
@@ -179,7 +188,7 @@ def _caption(example: Example) -> str:
     return example.name if example.iou is None else f"{example.name}   IoU {example.iou:.3f}"
 
 
-def _arrange(strips: Sequence[np.ndarray], captions: Sequence[str]) -> Image.Image:
+def _arrange(strips: Sequence[np.ndarray], captions: Sequence[str], titles: Sequence[str]) -> Image.Image:
     """Strips below each other, in two columns when there are many, with captions and the columns' names."""
     columns = 2 if len(strips) > TALL else 1
     rows = -(-len(strips) // columns)
@@ -187,7 +196,7 @@ def _arrange(strips: Sequence[np.ndarray], captions: Sequence[str]) -> Image.Ima
     page = Image.new("RGB", (columns * (width + GAP) - GAP, HEADER + rows * height), "white")
     pen = ImageDraw.Draw(page)
     for column in range(columns):
-        for place, name in enumerate(COLUMNS):
+        for place, name in enumerate(titles):
             pen.text((column * (width + GAP) + place * draw.CELL + 3, 2), name, fill="black")
     for index, (strip, caption) in enumerate(zip(strips, captions, strict=True)):
         left, top = (index // rows) * (width + GAP), HEADER + (index % rows) * height
