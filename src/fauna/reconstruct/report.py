@@ -71,7 +71,7 @@ def _animal(fit: Fit) -> dict[str, Any]:
             "predicted_losses": _plain(out.hypotheses.predicted_losses[0]),
             "chosen": chosen,
         },
-        "bone_angles": None if out.pose is None else _angles(out.pose.angles[0]),
+        "bone_angles": None if out.pose is None else angles(out.pose.angles[0]),
         "bank": _bank(fit),
         "mesh": {"vertices": out.posed.verts.shape[1], "faces": out.posed.faces.shape[0]},
         "light": {
@@ -82,11 +82,11 @@ def _animal(fit: Fit) -> dict[str, Any]:
     }
 
 
-def _angles(angles: torch.Tensor) -> dict[str, list[float]]:
+def angles(pose: torch.Tensor) -> dict[str, list[float]]:
     """Swing, sideways and twist of each bone by its name, radians."""
     from fauna.export.joints import JOINT_NAMES, JOINT_OF_BONE
 
-    return {JOINT_NAMES[JOINT_OF_BONE[bone]]: _plain(each) for bone, each in enumerate(angles)}
+    return {JOINT_NAMES[JOINT_OF_BONE[bone]]: _plain(each) for bone, each in enumerate(pose)}
 
 
 def _bank(fit: Fit) -> dict[str, Any] | None:
