@@ -12,13 +12,11 @@ from trimesh.remesh import subdivide
 from fauna.plots.bodies import Look
 from fauna.reconstruct.coat import Coat, coat_of, crossfaded, in_box, painted
 from fauna.reconstruct.pair import Pair
-from fauna.reconstruct.settings import check_range
+from fauna.reconstruct.settings import MOST_FRAMES, check_range
 from fauna.reconstruct.traits import Body, embody, mixed, resting, rigged, traits_of
 
 if TYPE_CHECKING:
     from fauna.export import RiggedAnimal
-
-MOST_FRAMES = 600
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, UInt8
 
+from fauna.bank.view import BankView
 from fauna.data.crop_box import CropBox
 from fauna.model import FaunaModel
 from fauna.reconstruct.quality import Measures
@@ -74,6 +75,7 @@ class Fit:
         mask: (size, size) of the animal.
         measures: how well what the model said fits.
         refined_iou: of mask and silhouette after camera and pose were fitted to the mask, ``None`` where they were not.
+        bank: what the bank saw, ``None`` for banks without slots.
     """
 
     model: FaunaModel
@@ -84,6 +86,7 @@ class Fit:
     mask: Bool[np.ndarray, "size size"]
     measures: Measures
     refined_iou: float | None = None
+    bank: BankView | None = None
 
 
 @dataclass(frozen=True, eq=False)

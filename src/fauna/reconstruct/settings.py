@@ -13,6 +13,8 @@ from fauna.masks.options import GrabCutOptions, SaliencyOptions
 
 CROP_RULES = ("widen", "fauna")
 FORMATS = ("glb", "obj", "ply")
+MOST_FRAMES = 600
+"""Of a morph."""
 Group = TypeVar("Group")
 
 
