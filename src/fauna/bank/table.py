@@ -25,8 +25,25 @@ FORMAT = "fauna-bank-1"
 
 
 @dataclass(frozen=True)
+class Drawing:
+    """A picture of the zoo, drawn again when somebody wants to see it.
+
+    Attributes:
+        seed: of :class:`fauna.zoo.Zoo`.
+        image_size: likewise.
+        species: that it shows.
+        number: of the picture within its species.
+    """
+
+    seed: int
+    image_size: int
+    species: str
+    number: int
+
+
+@dataclass(frozen=True)
 class DrawnBy:
-    """The zoo whose pictures a table lists; they are drawn again when somebody wants to see them.
+    """The zoo whose pictures a table lists.
 
     Attributes:
         seed: of :class:`fauna.zoo.Zoo`.
@@ -48,7 +65,7 @@ class BankTable:
         trained: whether the weights learned from it.
         slots: that each picture was made of.
         weights: of these slots; absolute values add up to 1.
-        zoo: that drew the pictures of :meth:`drawn`, ``None`` when there are none.
+        zoo: that drew the pictures of :meth:`drawing`, ``None`` when there are none.
     """
 
     weights_sha256: str
@@ -96,10 +113,12 @@ class BankTable:
         """
         return _means(self.members, self.codes(values))
 
-    def drawn(self, picture: int) -> tuple[str, int] | None:
-        """Species and number of a picture in the zoo, ``None`` for pictures of files."""
+    def drawing(self, picture: int) -> Drawing | None:
+        """How a picture is drawn again, ``None`` for pictures of files."""
         kind, _, number = self.names[picture].partition("/")
-        return (kind, int(number)) if self.zoo is not None and number.isdigit() else None
+        if self.zoo is None or not number.isdigit():
+            return None
+        return Drawing(self.zoo.seed, self.zoo.image_size, kind, int(number))
 
 
 def similarity(

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from torch import Tensor
 
-from fauna.bank.table import BankTable, similarity
+from fauna.bank.table import BankTable, Drawing, similarity
 from fauna.types import BankReadout
 
 
@@ -33,13 +33,13 @@ class Neighbour:
         name: as the dataset calls it.
         species: that it shows.
         similarity: cosine of the shape codes, in [-1, 1].
-        drawn: species and number in the zoo, ``None`` for pictures of files.
+        drawing: how it is drawn again, ``None`` for pictures of files.
     """
 
     name: str
     species: str
     similarity: float
-    drawn: tuple[str, int] | None
+    drawing: Drawing | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,8 @@ class BankView:
     Attributes:
         slots: most important first.
         species: cosine of the photograph's shape code and the mean code of each species, most similar first; ``None`` without a table.
-        pictures: nearest training pictures, most similar first; ``None`` without a table.
+        pictures: nearest training pictures, most similar first; ``None`` without a table. Where the zoo drew some, of these only: they
+            can be shown.
     """
 
     slots: tuple[SlotUse, ...]
@@ -103,11 +104,14 @@ def _top(names: tuple[str, ...], values: Float[np.ndarray, " name"], most: int) 
 def _neighbours(
     table: BankTable, code: Float[np.ndarray, "1 value_chan"], values: Tensor, most: int
 ) -> tuple[Neighbour, ...]:
+    """Training pictures with the nearest codes, of those that can be drawn again where there are any."""
     trained = np.flatnonzero(table.trained)
+    drawn = np.array([place for place in trained.tolist() if table.drawing(place) is not None], dtype=np.int64)
+    trained = drawn if len(drawn) else trained
     likeness = similarity(code, table.codes(values)[trained])[0]
     nearest = trained[np.argsort(-likeness, kind="stable")[:most]]
     best = np.sort(likeness)[::-1][:most]
     return tuple(
-        Neighbour(table.names[place], table.species[place], float(value), table.drawn(place))
+        Neighbour(table.names[place], table.species[place], float(value), table.drawing(place))
         for place, value in zip(nearest.tolist(), best.tolist(), strict=True)
     )

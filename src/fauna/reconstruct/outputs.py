@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fauna.export import RiggedAnimal
     from fauna.texture import Texture
 
-RESULT, PREVIEW, VIEWER = "result.json", "preview.png", "viewer.html"
+RESULT, PREVIEW, VIEWER, BANK = "result.json", "preview.png", "viewer.html", "bank.png"
 MODEL = "model"
 """Stem of the model's files."""
 WALK = "walk"
@@ -62,6 +62,10 @@ def write(result: Result, folder: Path, **extra: object) -> None:
 
             save_png(preview(result, cell=result.settings.output.preview_cell), folder / PREVIEW)
         files.append(PREVIEW)
+        if result.settings.bank.view and result.fit.bank is not None:
+            with clock.stage("bank"):
+                save_png(bank_picture(result), folder / BANK)
+            files.append(BANK)
     content = report(result, seconds=clock.seconds, files=[*files, RESULT])
     write_json({**content, **extra}, folder / RESULT)
 
@@ -121,6 +125,16 @@ def write_models(
         with clock.stage("turntable"):
             files.append(write_turntable(animal, folder, clip=clip).name)
     return files
+
+
+def bank_picture(result: Result) -> Image.Image:
+    """See :meth:`fauna.reconstruct.result.Result.bank_picture`."""
+    from fauna.plots.bank_view import draw_view
+
+    fit, settings = _fit(result), result.settings.bank
+    if fit.bank is None:
+        raise FaunaError(f"{result.name}: expected a bank with slots, got none; use weights with bank=semantic")
+    return draw_view(fit.model, fit.bank, fit.out.code, fit.crop, slots=settings.slots, cell=settings.cell)
 
 
 def facts(result: Result) -> Mapping[str, str]:

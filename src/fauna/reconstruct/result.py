@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, UInt8
+from PIL import Image
 
 from fauna.bank.view import BankView
 from fauna.data.crop_box import CropBox
@@ -142,6 +143,16 @@ class Result:
         from fauna.reconstruct.outputs import rig
 
         return rig(self)
+
+    def bank_picture(self) -> Image.Image:
+        """What the bank saw: slots, species and training pictures that the animal resembles.
+
+        Raises:
+            FaunaError: when there is no animal, or the bank has no slots.
+        """
+        from fauna.reconstruct.outputs import bank_picture
+
+        return bank_picture(self)
 
     def save(self, folder: str | Path) -> Path:
         """Write model, pictures and ``result.json`` into a folder, which is made; what is there is replaced file by file.
