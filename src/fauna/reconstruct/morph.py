@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -69,10 +69,11 @@ class Morph(Pair):
         """The posed body in its colours, on the ground; its mesh is subdivided once, for colours finer than its triangles."""
         body = self.body(share)
         corners = torch.cat([body.posed.verts[0], body.base.verts], dim=1).detach().cpu().numpy()
-        posed, faces, more = subdivide(
+        finer: Any = subdivide(
             corners[:, :3], body.base.faces.cpu().numpy(), vertex_attributes={"rest": corners[:, 3:]}
         )
-        places = in_box(torch.from_numpy(np.asarray(more["rest"])), body.base.verts.cpu())
+        posed, faces, rest = finer[0], finer[1], np.asarray(finer[2]["rest"])
+        places = in_box(torch.from_numpy(rest), body.base.verts.cpu())
         colours = torch.from_numpy(crossfaded(*self._coats, share, places)).float()
         return Look(torch.from_numpy(posed).float(), torch.from_numpy(faces), colours).grounded()
 
