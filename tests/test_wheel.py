@@ -11,10 +11,11 @@ import zipfile
 import pytest
 
 from fauna._conf import CONF_DIR
+from fauna.bank.table import TABLE
 from fauna.pretrained.shipped import CARD, CONFIG, INDEX, METRICS, MODEL, WEIGHTS
 
 ROOT = CONF_DIR.parent
-MODEL_FILES = {CARD, CONFIG, INDEX, METRICS, WEIGHTS}
+MODEL_FILES = {CARD, CONFIG, INDEX, METRICS, TABLE, WEIGHTS}
 
 
 @pytest.fixture(scope="module")

@@ -33,7 +33,7 @@ def stand_ins(monkeypatch):
     def write_viewer(glb, path, *, title, facts, **more):
         path.write_text(f"{title} {dict(facts)}")
 
-    def write_turntable(animal, folder):
+    def write_turntable(animal, folder, *, clip):
         (folder / "turntable.webp").write_bytes(b"turn")
         return folder / "turntable.webp"
 

@@ -45,7 +45,7 @@ def test_results_with_and_without_an_animal_follow_the_schema(loaded, drawn, sta
         result = loaded.reconstruct(drawn[0], mask=mask)
         content = json.loads(json.dumps(report(result, seconds=result.seconds, files=["result.json"])))
         check(content, schema)
-        assert set(content) | {"key", "animals"} == set(schema["properties"])
+        assert set(content) | {"key", "animals", "application"} == set(schema["properties"])
         with pytest.raises(AssertionError):
             check({**content, "confidence": 2.0}, schema)
         with pytest.raises(AssertionError):

@@ -3,10 +3,10 @@
 import os
 import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -22,6 +22,10 @@ from fauna.reconstruct.reconstructor import Reconstructor
 from fauna.reconstruct.result import InputFacts, Result
 from fauna.reconstruct.settings import Settings
 from fauna.threads import set_threads
+
+Item = TypeVar("Item")
+Line = tuple[str, str, str]
+"""Name, status and reason of an animal."""
 
 SHOW_FROM = 2
 """Photographs from which a progress bar is worth its line."""
@@ -43,6 +47,10 @@ class Loader:
         self.checkpoint, self.device, self.settings = checkpoint, device, settings
         self.sha256 = file_digest(locate(PRETRAINED if checkpoint is None else checkpoint))
         self._loaded: Reconstructor | None = None
+
+    def facts(self) -> dict[str, Any]:
+        """What decides, besides photographs and masks, what comes out."""
+        return {"settings": self.settings.as_dict(), "weights": self.sha256, "fauna": fauna.__version__}
 
     def get(self) -> Reconstructor:
         """The model, loaded once."""
@@ -85,15 +93,28 @@ def run_jobs(
     set_threads(threads)
     loader = Loader(checkpoint, device, settings)
     out.mkdir(parents=True, exist_ok=True)
+    return work_through(jobs, lambda job: run_job(job, out, loader, masks=masks, overwrite=overwrite), "photographs")
+
+
+def work_through(items: Sequence[Item], work: Callable[[Item], list[Line]], what: str) -> list[str]:
+    """Do one after the other, with a line for each animal and a progress bar where there are several.
+
+    Args:
+        items: what there is to do.
+        work: does it.
+        what: the items are, in the plural.
+
+    Returns:
+        The status of every animal.
+    """
     console = Console(highlight=False, soft_wrap=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     told: list[str] = []
-    with Progress(*columns, console=console, transient=True, disable=len(jobs) < SHOW_FROM) as progress:
-        task = progress.add_task("photographs", total=len(jobs))
-        for job in jobs:
+    with Progress(*columns, console=console, transient=True, disable=len(items) < SHOW_FROM) as progress:
+        task = progress.add_task(what, total=len(items))
+        for item in items:
             begun = time.monotonic()
-            lines = run_job(job, out, loader, masks=masks, overwrite=overwrite)
-            for name, status, reason in lines:
+            for name, status, reason in work(item):
                 spent = f"{time.monotonic() - begun:.1f} s"
                 console.print(f"{name}: {status} ({reason or spent})", markup=False)
                 told.append(status)
@@ -103,26 +124,20 @@ def run_jobs(
     return told
 
 
-def run_job(
-    job: Job, out: Path, loader: Loader, *, masks: Sequence[Path] | None, overwrite: bool
-) -> list[tuple[str, str, str]]:
+def run_job(job: Job, out: Path, loader: Loader, *, masks: Sequence[Path] | None, overwrite: bool) -> list[Line]:
     """One photograph: name, status and reason of each of its animals."""
     files = list(masks) if masks is not None else masks_beside(job.photo)
-    facts = {"settings": loader.settings.as_dict(), "weights": loader.sha256, "fauna": fauna.__version__}
-    key = job_key(job.photo, files, facts)
+    key = job_key(job.photo, files, loader.facts())
     done = finished(out, job, key)
     if done is not None:
         return [(str(each["name"]), str(each["status"]), "done before") for each in done]
     if not is_free(out / job.name, overwrite=overwrite):
-        return [(job.name, "exists", f"{out / job.name} holds something else; add --overwrite or choose another --out")]
-    results = _guarded(job, loader, masks)
+        return [taken_line(out, job.name)]
+    results = reconstruct_guarded(job, loader, masks)
     names = [job.animal(index) for index in range(len(results))]
     taken = [name for name in names if not is_free(out / name, overwrite=overwrite)]
     if taken:
-        return [
-            (name, "exists", f"{out / name} holds something else; add --overwrite or choose another --out")
-            for name in taken
-        ]
+        return [taken_line(out, name) for name in taken]
     _forget(out, job, names)
     extra: dict[str, Any] = {KEY: key, "animals": names}
     lines = []
@@ -131,6 +146,11 @@ def run_job(
             told = write_guarded(replace(result, name=name), folder, extra)
         lines.append((name, told.status, told.reason))
     return lines[::-1]
+
+
+def taken_line(out: Path, name: str) -> Line:
+    """What is said of a folder that may not be written."""
+    return name, "exists", f"{out / name} holds something else; add --overwrite or choose another --out"
 
 
 def _forget(out: Path, job: Job, names: Sequence[str]) -> None:
@@ -148,14 +168,14 @@ def write_guarded(result: Result, folder: Path, extra: dict[str, Any]) -> Result
     except (OSError, MemoryError):
         raise  # of the disk, not of the photograph
     except Exception as error:
-        result = _failed(result, error)
+        result = failed(result, error)
         for each in folder.iterdir():
             each.unlink()
         write(result, folder, **extra)
     return result
 
 
-def _guarded(job: Job, loader: Loader, masks: Sequence[Path] | None) -> list[Result]:
+def reconstruct_guarded(job: Job, loader: Loader, masks: Sequence[Path] | None) -> list[Result]:
     """The photograph's results; a defect of ours costs one photograph, not the folder of photographs."""
     reconstructor = loader.get()
     try:
@@ -171,10 +191,11 @@ def _guarded(job: Job, loader: Loader, masks: Sequence[Path] | None) -> list[Res
             weights=reconstructor.weights,
             settings=reconstructor.settings,
         )
-        return [_failed(empty, error)]
+        return [failed(empty, error)]
 
 
-def _failed(result: Result, error: Exception) -> Result:
+def failed(result: Result, error: Exception) -> Result:
+    """The result without its animal, and why; with ``FAUNA_DEBUG`` the error itself."""
     if os.environ.get("FAUNA_DEBUG"):
         raise error
     reason = " ".join(f"{type(error).__name__}: {error}".split())[:300] + "; FAUNA_DEBUG=1 shows where"

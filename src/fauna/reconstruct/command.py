@@ -13,7 +13,7 @@ from typing import NoReturn
 
 from fauna.cli import EXIT_INTERRUPTED, one_line_errors
 from fauna.errors import FaunaError
-from fauna.reconstruct.settings import Settings, default_settings
+from fauna.reconstruct.settings import MOST_FRAMES, Settings, check_range, default_settings
 
 COMMAND = "fauna-reconstruct"
 EXIT_NOT_ALL_OK, EXIT_TERMINATED = 1, 143
@@ -100,6 +100,18 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         metavar="N",
         help="steps that fit bone angles and camera to the mask (default: %(default)s)",
     )
+    add(
+        "--bank",
+        action="store_true",
+        help="draw bank.png: slots, species and training pictures that the animal resembles",
+    )
+    add(
+        "--morph",
+        type=int,
+        metavar="N",
+        help="from the animal of the first of two photographs to that of the second, in N steps",
+    )
+    add("--pose-from", type=Path, metavar="FILE", help="show the animals of the photographs in the pose of this one")
     add("--no-viewer", action="store_true", help="leave viewer.html out")
     add("--no-turntable", action="store_true", help="leave the turntable out")
     add("--checkpoint", metavar="FILE", help="weights, checkpoint or run folder (default: the model in the package)")
@@ -132,30 +144,71 @@ def chosen_settings(given: argparse.Namespace) -> Settings:
             viewer=not given.no_viewer,
             turntable=not given.no_turntable,
         ),
+        bank=replace(default.bank, view=given.bank),
     )
 
 
 def _run(given: argparse.Namespace, settings: Settings) -> int:
     from fauna.reconstruct.folders import find_photos, name_jobs
 
-    jobs = name_jobs(find_photos(given.photos))
-    if given.mask and len(jobs) > 1:
-        raise FaunaError(f"--mask: expected one photograph, got {len(jobs)}; put masks beside them as x_mask.png")
+    photos = find_photos(given.photos)
+    _check(given, settings, len(photos))
+    from fauna.reconstruct.batch import run_jobs
+    from fauna.reconstruct.pairs import morph_job, pose_jobs, run_pairs
+
+    out, masks = given.out.expanduser(), [mask.expanduser() for mask in given.mask or ()]
+    common = {
+        "checkpoint": given.checkpoint,
+        "device": given.device,
+        "overwrite": given.overwrite,
+        "threads": given.threads,
+    }
+    if given.morph is not None:
+        told = run_pairs([morph_job(photos[0], photos[1], masks, given.morph)], out, settings, **common)
+    elif given.pose_from is not None:
+        told = run_pairs(pose_jobs(photos, given.pose_from.expanduser(), masks), out, settings, **common)
+    else:
+        told = run_jobs(name_jobs(photos), out, settings, masks=masks or None, **common)
+    return 0 if all(status == "ok" for status in told) else EXIT_NOT_ALL_OK
+
+
+def _check(given: argparse.Namespace, settings: Settings, photos: int) -> None:
+    """Options that do not go together, or name nothing.
+
+    Raises:
+        FaunaError: for the first of them.
+    """
+    if given.morph is not None:
+        _check_morph(given, settings, photos)
+    elif given.mask and photos > 1:
+        raise FaunaError(f"--mask: expected one photograph, got {photos}; put masks beside them as x_mask.png")
+    elif given.mask and len(given.mask) > 1 and given.pose_from is not None:
+        raise FaunaError(
+            f"--mask: expected one with --pose-from, that of the photograph, got {len(given.mask)}; put the other's beside it"
+        )
     for mask in given.mask or ():
         if not mask.expanduser().is_file():
             raise FaunaError(f"--mask: expected a picture file, got {mask}, which does not exist; check the path")
+    if given.pose_from is not None and not given.pose_from.expanduser().is_file():
+        raise FaunaError(
+            f"--pose-from: expected a photograph, got {given.pose_from}, which does not exist; check the path"
+        )
     if given.out.exists() and not given.out.is_dir():
         raise FaunaError(f"--out: expected a folder, got {given.out}, which is a file; choose another")
-
     if given.threads < 1:
         raise FaunaError(f"--threads: expected a number >= 1, got {given.threads}; e.g. 2")
-    from fauna.reconstruct.batch import run_jobs
 
-    told = run_jobs(
-        jobs, given.out.expanduser(), settings,
-        checkpoint=given.checkpoint, device=given.device, masks=given.mask, overwrite=given.overwrite, threads=given.threads,
-    )  # fmt: skip
-    return 0 if all(status == "ok" for status in told) else EXIT_NOT_ALL_OK
+
+def _check_morph(given: argparse.Namespace, settings: Settings, photos: int) -> None:
+    check_range("morph", given.morph, 2, MOST_FRAMES)
+    if given.pose_from is not None:
+        raise FaunaError("--morph: expected one application, got --pose-from as well; leave one out")
+    if photos != 2:
+        raise FaunaError(f"--morph: expected two photographs, got {photos}; name the first and the last")
+    if given.mask and len(given.mask) != 2:
+        raise FaunaError(f"--mask: expected two with --morph, one for each photograph, got {len(given.mask)}; add one")
+    if settings.output.formats != ("glb",):
+        raise FaunaError(f"--format: expected glb with --morph, got {given.format}; leave it out")
 
 
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:

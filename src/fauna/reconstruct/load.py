@@ -5,6 +5,7 @@ from pathlib import Path
 
 import torch
 
+from fauna.bank.table import table_beside
 from fauna.evaluation.weights import file_digest, locate
 from fauna.masks.grabcut import GrabCut
 from fauna.masks.registry import build_segmenter
@@ -42,6 +43,8 @@ def load(
     if chosen.output.resolution is not None:
         model.shape.set_resolution(chosen.output.resolution)
     path = locate(name)
-    weights = Weights(PRETRAINED if name == PRETRAINED else path.name, file_digest(path), model.encoder.fingerprint)
+    digest = file_digest(path)
+    weights = Weights(PRETRAINED if name == PRETRAINED else path.name, digest, model.encoder.fingerprint)
+    table = table_beside(path, digest)
     default = GrabCut(encoder=model.encoder, saliency=chosen.mask.saliency, options=chosen.mask.grabcut)
-    return Reconstructor(model, weights, chosen, build_segmenter(chosen.mask.segmenter, default))
+    return Reconstructor(model, weights, chosen, build_segmenter(chosen.mask.segmenter, default), table)

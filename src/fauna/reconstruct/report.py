@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 import fauna
+from fauna.bank.view import BankView
 from fauna.reconstruct.result import Fit, Result
 
 SCHEMA = "fauna-result-1"
@@ -71,8 +72,8 @@ def _animal(fit: Fit) -> dict[str, Any]:
             "predicted_losses": _plain(out.hypotheses.predicted_losses[0]),
             "chosen": chosen,
         },
-        "bone_angles": None if out.pose is None else _angles(out.pose.angles[0]),
-        "bank": _bank(fit),
+        "bone_angles": None if out.pose is None else angles(out.pose.angles[0]),
+        "bank": _bank(fit.bank),
         "mesh": {"vertices": out.posed.verts.shape[1], "faces": out.posed.faces.shape[0]},
         "light": {
             "direction": _plain(out.light.direction[0]),
@@ -82,20 +83,30 @@ def _animal(fit: Fit) -> dict[str, Any]:
     }
 
 
-def _angles(angles: torch.Tensor) -> dict[str, list[float]]:
+def angles(pose: torch.Tensor) -> dict[str, list[float]]:
     """Swing, sideways and twist of each bone by its name, radians."""
     from fauna.export.joints import JOINT_NAMES, JOINT_OF_BONE
 
-    return {JOINT_NAMES[JOINT_OF_BONE[bone]]: _plain(each) for bone, each in enumerate(angles)}
+    return {JOINT_NAMES[JOINT_OF_BONE[bone]]: _plain(each) for bone, each in enumerate(pose)}
 
 
-def _bank(fit: Fit) -> dict[str, Any] | None:
-    """The slots that were mixed, most similar first, and their weights."""
-    readout = fit.out.readout
-    if readout.slots is None or readout.weights is None:
+def _bank(view: BankView | None) -> dict[str, Any] | None:
+    """The slots that were mixed, most important first, and what they and the whole answer resemble."""
+    if view is None:
         return None
-    order = torch.argsort(readout.weights[0].abs(), descending=True, stable=True)
-    return {"slots": readout.slots[0][order].tolist(), "weights": _plain(readout.weights[0][order])}
+    return {
+        "slots": [each.slot for each in view.slots],
+        "weights": [round(each.weight, 6) for each in view.slots],
+        "slot_species": [_shares(each.species) for each in view.slots],
+        "species": None if view.species is None else _shares(view.species),
+        "pictures": None
+        if view.pictures is None
+        else [{"name": each.name, "similarity": round(each.similarity, 4)} for each in view.pictures],
+    }
+
+
+def _shares(named: Sequence[tuple[str, float]]) -> dict[str, float]:
+    return {name: round(value, 4) for name, value in named}
 
 
 def _plain(values: torch.Tensor) -> Any:

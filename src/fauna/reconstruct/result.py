@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, UInt8
+from PIL import Image
 
+from fauna.bank.view import BankView
 from fauna.data.crop_box import CropBox
 from fauna.model import FaunaModel
 from fauna.reconstruct.quality import Measures
@@ -74,6 +76,7 @@ class Fit:
         mask: (size, size) of the animal.
         measures: how well what the model said fits.
         refined_iou: of mask and silhouette after camera and pose were fitted to the mask, ``None`` where they were not.
+        bank: what the bank saw, ``None`` for banks without slots.
     """
 
     model: FaunaModel
@@ -84,6 +87,7 @@ class Fit:
     mask: Bool[np.ndarray, "size size"]
     measures: Measures
     refined_iou: float | None = None
+    bank: BankView | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +143,16 @@ class Result:
         from fauna.reconstruct.outputs import rig
 
         return rig(self)
+
+    def bank_picture(self) -> Image.Image:
+        """What the bank saw: slots, species and training pictures that the animal resembles.
+
+        Raises:
+            FaunaError: when there is no animal, or the bank has no slots.
+        """
+        from fauna.reconstruct.outputs import bank_picture
+
+        return bank_picture(self)
 
     def save(self, folder: str | Path) -> Path:
         """Write model, pictures and ``result.json`` into a folder, which is made; what is there is replaced file by file.

@@ -13,6 +13,8 @@ from fauna.masks.options import GrabCutOptions, SaliencyOptions
 
 CROP_RULES = ("widen", "fauna")
 FORMATS = ("glb", "obj", "ply")
+MOST_FRAMES = 600
+"""Of a morph."""
 Group = TypeVar("Group")
 
 
@@ -130,6 +132,44 @@ class OutputSettings:
 
 
 @dataclass(frozen=True)
+class MorphSettings:
+    """Of the way from one photograph's animal to another's.
+
+    Attributes:
+        keys: steps that are written as GLB, both ends counted.
+        texture_size: of these, at most, pixels.
+        columns: steps in ``preview.png``.
+        cell: side of a picture there, pixels.
+        film_size: side of the film, pixels.
+    """
+
+    keys: int
+    texture_size: int
+    columns: int
+    cell: int
+    film_size: int
+
+
+@dataclass(frozen=True)
+class BankSettings:
+    """Of what is said about the bank's answer.
+
+    Attributes:
+        slots: of an answer that get a picture, most important first.
+        species: species named for each slot.
+        pictures: training pictures nearest to the photograph's shape code.
+        view: draw ``bank.png``.
+        cell: side of a picture there, pixels.
+    """
+
+    slots: int
+    species: int
+    pictures: int
+    view: bool
+    cell: int
+
+
+@dataclass(frozen=True)
 class Settings:
     """Everything ``conf/reconstruct.yaml`` says."""
 
@@ -138,6 +178,8 @@ class Settings:
     crop: CropSettings
     quality: QualitySettings
     output: OutputSettings
+    morph: MorphSettings
+    bank: BankSettings
 
     def as_dict(self) -> dict[str, Any]:
         """Plain containers, as ``result.json`` has them."""
@@ -154,6 +196,8 @@ class Settings:
         check_range("texture-size", self.output.texture_size, 0, 8192)
         check_range("refine", self.output.refine_steps, 0, 10_000)
         check_range("finetune", self.output.finetune_iterations, 0, 10_000)
+        check_range("morph.keys", self.morph.keys, 2, 100)
+        check_range("morph.columns", self.morph.columns, 2, 100)
 
 
 def default_settings() -> Settings:
