@@ -12,11 +12,10 @@ from fauna.export.joints import JOINT, NUM_JOINTS, ROOT
 from fauna.export.legs import Leg, bend
 
 _REACH = 0.99
-"""Share of a leg's length that a standing leg uses at most, so that knees never lock."""
+"""Share of the way from hip to ankle that a standing leg uses at most, so that knees never lock."""
 
-_FOLD = {True: ((-1.0, 0.7), (-0.7, 1.5)), False: ((1.0, -1.0), (1.1, -1.2))}
-"""Proportion of the angles of knee and ankle, standing and lifted, of front and hind legs: elbows point backwards and
-wrists fold back, knees point forwards and hocks backwards."""
+_FOLD_DEG = {True: 50.0, False: 25.0}
+"""How far the foot bone of a front and of a hind leg folds back where the foot is highest; on the ground it does not turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,22 +91,26 @@ class Motion:
     def excess(self, steps: Steps) -> Float[np.ndarray, " frame"]:
         """How much too high the hip is for the foot to stand, metres; negative where there is room, -inf in the air."""
         _, hip = self.carried(steps.leg)
-        apart = steps.places - hip
-        square = (_REACH * steps.leg.length) ** 2 - apart[:, 0] ** 2 - apart[:, 2] ** 2
+        apart = steps.places + steps.leg.ankle_over_sole - hip
+        square = (_REACH * steps.leg.reach) ** 2 - apart[:, 0] ** 2 - apart[:, 2] ** 2
         return np.where(steps.standing, -apart[:, 1] - np.sqrt(square.clip(min=0.0)), -np.inf)
 
     def place_foot(self, steps: Steps) -> None:
         """Bend a leg so that its sole is where it has to be; to be called when the spine is done.
 
-        A leg that does not reach the ground stays straight.
+        A standing foot bone keeps the direction it has at rest, so that the sole stays flat on the ground. A leg that does
+        not reach the ground stays straight.
         """
         if not steps.grounded:
             return
         rotation, hip = self.carried(steps.leg)
-        targets = np.einsum("fba,fb->fa", rotation, steps.places - hip)
-        standing, lifted = (np.array(fold) for fold in _FOLD[steps.as_front])
-        bends = standing + steps.lift[:, None] * (lifted - standing)
-        self.turns[:, list(steps.leg.joints.joints)] = bend(steps.leg, targets, bends)
+        folded = Rotation.from_rotvec(
+            np.outer(steps.lift, (_FOLD_DEG[steps.as_front], 0.0, 0.0)), degrees=True
+        ).as_matrix()
+        targets = np.einsum("fba,fb->fa", rotation, steps.places + folded @ steps.leg.ankle_over_sole - hip)
+        feet = np.broadcast_to(rotation, folded.shape).swapaxes(1, 2) @ folded
+        turns = bend(steps.leg, targets, feet, knee_forward=not steps.as_front)
+        self.turns[:, list(steps.leg.joints.joints)] = turns
 
     def clip(self, name: str, *, loop: bool, speed: float, extras: dict[str, Any]) -> Clip:
         """The finished clip."""
