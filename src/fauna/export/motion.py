@@ -14,8 +14,8 @@ from fauna.export.legs import Leg, bend
 _REACH = 0.99
 """Share of the way from hip to ankle that a standing leg uses at most, so that knees never lock."""
 
-_FOLD_DEG = {True: 50.0, False: 25.0}
-"""How far the foot bone of a front and of a hind leg folds back where the foot is highest; on the ground it does not turn."""
+_ANKLE_RISES = {True: 0.4, False: 0.7}
+"""Share of a lifted foot's height by which the ankle of a front and of a hind leg rises; the rest is the foot folding back."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,13 @@ class Steps:
     def standing(self) -> Bool[np.ndarray, " frame"]:
         """Whether it carries."""
         return (self.lift <= 0.0) & self.grounded
+
+    def folded(self) -> Float[np.ndarray, "frame 3 3"]:
+        """How the foot bone is turned against rest: not at all on the ground, back in the air."""
+        foot = max(float(np.linalg.norm(self.leg.ankle_over_sole)), 1e-9)
+        drop = (1.0 - _ANKLE_RISES[self.as_front]) * float(self.places[:, 1].max()) / foot
+        angles = np.arccos(np.clip(1.0 - drop, 0.0, 1.0)) * self.lift
+        return Rotation.from_rotvec(np.outer(angles, (1.0, 0.0, 0.0))).as_matrix()
 
 
 @dataclass(eq=False)
@@ -104,9 +111,7 @@ class Motion:
         if not steps.grounded:
             return
         rotation, hip = self.carried(steps.leg)
-        folded = Rotation.from_rotvec(
-            np.outer(steps.lift, (_FOLD_DEG[steps.as_front], 0.0, 0.0)), degrees=True
-        ).as_matrix()
+        folded = steps.folded()
         targets = np.einsum("fba,fb->fa", rotation, steps.places + folded @ steps.leg.ankle_over_sole - hip)
         feet = np.broadcast_to(rotation, folded.shape).swapaxes(1, 2) @ folded
         turns = bend(steps.leg, targets, feet, knee_forward=not steps.as_front)
