@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hydra.utils import get_object, instantiate
 from omegaconf import DictConfig, OmegaConf
@@ -14,7 +14,9 @@ from fauna.errors import FaunaError
 from fauna.losses.objective import Objective
 from fauna.model import FaunaModel
 from fauna.stages import Schedule
-from fauna.system import FaunaSystem, OptimizerOptions
+
+if TYPE_CHECKING:
+    from fauna.system import FaunaSystem
 
 
 def stored_config(config: Mapping[str, Any]) -> DictConfig:
@@ -85,8 +87,10 @@ def build_schedule(cfg: DictConfig) -> Schedule:
     return _make(cfg.schedule)
 
 
-def build_system(cfg: DictConfig, model: FaunaModel) -> FaunaSystem:
+def build_system(cfg: DictConfig, model: FaunaModel) -> "FaunaSystem":
     """What Lightning trains."""
+    from fauna.system import FaunaSystem, OptimizerOptions  # brings Lightning, which takes seconds to import
+
     adversary: Adversary = _make(cfg.discriminator)
     objective: Objective = _make(cfg.losses)
     optimizer: OptimizerOptions = _make(cfg.optimizer)

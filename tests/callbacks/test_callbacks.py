@@ -9,11 +9,12 @@ from lightning import LightningModule, Trainer
 
 from fauna.build import build_schedule
 from fauna.callbacks import preview as preview_module
-from fauna.callbacks.checkpoints import Checkpoints, environment
+from fauna.callbacks.checkpoints import Checkpoints
 from fauna.callbacks.nan_guard import NanGuard
 from fauna.callbacks.preview import RenderPreview
 from fauna.callbacks.stages import DiscriminatorWindow, StageScheduler
 from fauna.errors import FaunaError
+from fauna.io.environment import environment
 from fauna.system import FaunaSystem
 from fauna.types import Batch
 from tests.runs import composed

@@ -16,7 +16,7 @@ import pytest
 
 from tests.viewer.browser import look_at, needs_chromium
 
-pytestmark = pytest.mark.skipif(importlib.util.find_spec("gradio") is None, reason="needs the extra fauna[demo]")
+pytestmark = pytest.mark.skipif(importlib.util.find_spec("gradio") is None, reason="needs the extra demo")
 MAX_MB, MAX_WAITING, TOKEN = 2, 10, f"secret-{uuid.uuid4().hex}"
 
 

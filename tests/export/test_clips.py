@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fauna.export import glb_bytes
 from fauna.export.gait import TROT, WALK, stands
@@ -46,6 +47,24 @@ def test_feet_do_not_slide(animals, name):
         assert clip_of(rigged, name).extras["foot_slide"] == max(slides.values())
 
 
+def test_slide_is_that_of_the_vertices_as_they_are_posed(animals):
+    """Against a loop over a player's pictures of the whole mesh."""
+    rigged = animals[4]
+    clip = clip_of(rigged, "trot")
+    duty, period = clip.extras["duty_factor"], clip.times[-1]
+    slides = foot_slide(rigged, clip)
+    for leg in legs_of(rigged):
+        places = []
+        for since in duty * period * np.linspace(0.0, 1.0, 60):
+            rotations, translation = sample(
+                clip, np.array([(clip.extras["footfalls"][leg.joints.name] * period + since) % period])
+            )
+            posed = rigged.pose(rotations[0], translation[0])[leg.sole_vertices]
+            places.append(posed + (0.0, 0.0, clip.speed * since))
+        apart = np.linalg.norm(np.array(places) - places[30], axis=2).max() / leg.length
+        assert slides[leg.joints.name] == pytest.approx(apart, rel=1e-6)
+
+
 def test_slide_is_seen_when_there_is_some(animals):
     """The same walk over ground that goes by at another speed, and with a hip that turns once too much."""
     walk = clip_of(animals[0], "walk")
@@ -57,7 +76,7 @@ def test_slide_is_seen_when_there_is_some(animals):
 
 @pytest.mark.parametrize("name", ["walk", "trot"])
 def test_soles_of_the_mesh_hold_the_ground_as_a_player_shows_them(animals, name):
-    """From the file's bytes: the mean of a sole's vertices, each with its four weights."""
+    """From the file's bytes: every vertex of a sole with its four weights."""
     for rigged in animals[:3]:
         clip = clip_of(rigged, name)
         player, period, duty = (
@@ -70,8 +89,8 @@ def test_soles_of_the_mesh_hold_the_ground_as_a_player_shows_them(animals, name)
             lowest = carried[rigged.vertices[carried, 1] <= rigged.vertices[carried, 1].min() + 0.03 * leg.length]
             since = duty * period * np.array([0.02, 0.27, 0.55, 0.81, 0.98])
             times = (clip.extras["footfalls"][leg.joints.name] * period + since) % period
-            places = np.array([player.vertices(name, time)[lowest].mean(axis=0) for time in times])
-            places[:, 2] += clip.speed * since
+            places = np.array([player.vertices(name, time)[lowest] for time in times])
+            places[..., 2] += clip.speed * since[:, None]
             assert np.abs(places - places[2]).max() < 0.03 * leg.length
 
 
@@ -184,17 +203,34 @@ def test_bending_reaches_the_target(front):
     leg = next(leg for leg in legs_of(rigged) if leg.joints.front == front)
     generator = np.random.default_rng(0)
     directions = generator.normal(size=(50, 3)) * (0.3, 0.1, 0.4) - (0.0, 1.0, 0.0)
-    reach = generator.uniform(0.65, 0.98, 50) * leg.length
+    reach = generator.uniform(0.65, 0.98, 50) * leg.reach
     targets = directions / np.linalg.norm(directions, axis=1, keepdims=True) * reach[:, None]
-    turns = bend(leg, targets, np.tile([-1.0, 0.7] if front else [1.0, -1.0], (50, 1)))
-    upper, lower, foot = np.diff(leg.points, axis=0)
-    for turn, target in zip(turns, targets, strict=True):
-        place = turn[0] @ (upper + turn[1] @ (lower + turn[2] @ foot))
-        np.testing.assert_allclose(place, target, atol=1e-6)
+    feet = Rotation.random(50, rng=generator).as_matrix()
+    turns = bend(leg, targets, feet, knee_forward=not front)
+    upper, lower, _ = np.diff(leg.points, axis=0)
+    for turn, target, foot in zip(turns, targets, feet, strict=True):
+        np.testing.assert_allclose(turn[0] @ (upper + turn[1] @ lower), target, atol=1e-6)
+        np.testing.assert_allclose(turn[0] @ turn[1] @ turn[2], foot, atol=1e-12)
         knee = turn[0] @ upper
         line = target / np.linalg.norm(target)
         off = knee - line * (knee @ line)
         assert (off[2] < 0) == front  # elbows point backwards, knees forwards
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_standing_feet_do_not_roll_and_lifted_ones_fold_back(animals, name):
+    for rigged in animals[:3]:
+        clip = clip_of(rigged, name)
+        moved = rigged.joint_transforms(clip.rotations, clip.translation)[..., :3, :3]
+        phase = np.linspace(0.0, 1.0, len(clip.times))
+        for leg in legs_of(rigged):
+            foot = leg.joints.joints[2]
+            turned = moved[:, foot] @ rigged.frames[foot].T
+            standing = (phase - clip.extras["footfalls"][leg.joints.name]) % 1.0 <= clip.extras["duty_factor"]
+            np.testing.assert_allclose(turned[standing], np.tile(np.eye(3), (standing.sum(), 1, 1)), atol=1e-9)
+            if not standing.all():
+                backwards = -turned[~standing, 2, 1]  # of what points down at rest
+                assert backwards.min() < -0.3
 
 
 def test_shortest_turns():

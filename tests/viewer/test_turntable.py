@@ -17,7 +17,7 @@ from fauna.viewer.studio import FILLED, Turntable
 from fauna.viewer.turntable import posed_vertices, sample_clip
 from tests.viewer.animals import box_animal, swing, textured
 
-needs_encoder = pytest.mark.skipif(importlib.util.find_spec("av") is None, reason="needs the extra fauna[video]")
+needs_encoder = pytest.mark.skipif(importlib.util.find_spec("av") is None, reason="needs the extra video")
 
 
 @pytest.fixture(scope="module")

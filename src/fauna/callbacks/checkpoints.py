@@ -1,13 +1,14 @@
 """Checkpoints every few steps and minutes, and the final weight file."""
 
+import os
 import time
 from pathlib import Path
 from typing import Any
 
-import torch
 from lightning import Callback, LightningModule, Trainer
 
-from fauna.io.checkpoint import checkpoints, save_checkpoint, save_weights
+from fauna.io.checkpoint import checkpoints, save_weights
+from fauna.io.environment import environment
 from fauna.system import FaunaSystem
 
 
@@ -76,21 +77,11 @@ class Checkpoints(Callback):
         self._last = time.monotonic()
 
 
-def environment() -> dict[str, str]:
-    """What bit-for-bit equality of a resumed run depends on."""
-    import platform
-
-    import numba
-    import numpy
-
-    import fauna
-
-    return {
-        "fauna": fauna.__version__,
-        "torch": str(torch.__version__),  # a plain string, or the checkpoint cannot be read back
-        "numpy": numpy.__version__,
-        "numba": numba.__version__,
-        "python": platform.python_version(),
-        "machine": f"{platform.machine()} {torch.backends.cpu.get_cpu_capability()}",
-        "threads": str(torch.get_num_threads()),
-    }
+def save_checkpoint(trainer: Trainer, path: Path) -> None:
+    """Write a Lightning checkpoint so that ``path`` is either absent, the old file or the complete new one."""
+    partial = path.with_suffix(".partial")
+    trainer.save_checkpoint(partial)
+    if trainer.is_global_zero:
+        with partial.open("rb") as handle:
+            os.fsync(handle.fileno())
+        os.replace(partial, path)

@@ -1,4 +1,4 @@
-"""The page: Gradio components, and the application that is served. Needs the extra ``fauna[demo]``."""
+"""The page: Gradio components, and the application that is served. Needs the extra ``demo``."""
 
 import tempfile
 from pathlib import Path

@@ -96,7 +96,7 @@ def check(options: Options) -> None:
         if not low <= value <= high:
             raise FaunaError(f"{name}: expected a whole number from {low} to {high}, got {value}; give another number")
     if importlib.util.find_spec("gradio") is None:
-        raise FaunaError(f"{COMMAND}: expected the package gradio, got none; pip install 'fauna[demo]'")
+        raise FaunaError(f"{COMMAND}: expected the package gradio, got none; pip install -e '.[demo]' in the checkout")
 
 
 def _serve(options: Options) -> None:

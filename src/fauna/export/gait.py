@@ -18,7 +18,7 @@ GRAVITY = 9.81
 """Metres per second squared."""
 
 _SPREAD = 0.5
-"""Largest horizontal distance of a standing foot from below its hip, share of the leg's length."""
+"""Largest horizontal distance of a standing foot's ankle from below its hip, share of the way between them."""
 
 _SLANT = 0.08
 """Largest part of it, forwards or backwards, that the middle of the stance may have."""
@@ -92,7 +92,8 @@ def stands(leg: Leg) -> Float[np.ndarray, " 3"]:
 
 def step_length(gait: Gait, stance: Stance) -> float:
     """Way of a standing foot that all grounded legs can make, metres."""
-    room = [_SPREAD * leg.length - abs(stands(leg)[2] - leg.hip[2]) for leg in stance.standing]
+    apart = [abs((stands(leg) + leg.ankle_over_sole - leg.hip)[2]) for leg in stance.standing]
+    room = [max(_SPREAD * leg.reach - each, 0.0) for leg, each in zip(stance.standing, apart, strict=True)]
     return min([gait.step * stance.hip_height, *(2.0 * each for each in room)])
 
 

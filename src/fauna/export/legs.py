@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from fauna.export.animal import RiggedAnimal
@@ -18,8 +18,6 @@ _SOLE_REACH = 0.35
 _MAX_BEND = 2.4
 """Largest angle of a knee, radians."""
 
-_HALVINGS = 40
-
 
 @dataclass(frozen=True, eq=False)
 class Leg:
@@ -30,12 +28,14 @@ class Leg:
         parent: the joint it hangs from.
         points: (4, 3) hip, knee, ankle and sole. The sole moves with the foot bone.
         axis: (3,) what the joints bend about, towards the animal's left.
+        sole_vertices: the vertices of the sole, none where the foot bone carries nothing.
     """
 
     joints: LegJoints
     parent: int
     points: Float[np.ndarray, "4 3"]
     axis: Float[np.ndarray, " 3"]
+    sole_vertices: Int[np.ndarray, " sole"]
 
     @property
     def hip(self) -> Float[np.ndarray, " 3"]:
@@ -52,6 +52,16 @@ class Leg:
         """From hip to sole at rest, where the leg is straight."""
         return float(np.linalg.norm(self.sole - self.hip))
 
+    @property
+    def reach(self) -> float:
+        """From hip to ankle with a straight knee."""
+        return float(np.linalg.norm(np.diff(self.points[:3], axis=0), axis=1).sum())
+
+    @property
+    def ankle_over_sole(self) -> Float[np.ndarray, " 3"]:
+        """The ankle seen from the sole at rest."""
+        return self.points[2] - self.points[3]
+
 
 def legs_of(animal: RiggedAnimal) -> tuple[Leg, ...]:
     """The four legs in the order of :data:`fauna.export.joints.LEGS`."""
@@ -62,65 +72,42 @@ def _leg(animal: RiggedAnimal, joints: LegJoints) -> Leg:
     upper, _, foot = joints.joints
     sole = animal.ends[foot]
     length = np.linalg.norm(sole - animal.starts[upper])
-    carried = animal.vertices[animal.influences[:, 0] == foot]
-    carried = carried[np.linalg.norm(carried - sole, axis=1) < _SOLE_REACH * length]
+    near = np.linalg.norm(animal.vertices - sole, axis=1) < _SOLE_REACH * length
+    carried = np.flatnonzero((animal.influences[:, 0] == foot) & near)
     if len(carried):
-        lowest = carried[:, 1].min()
-        band = carried[carried[:, 1] <= lowest + _SOLE_BAND * length]
-        sole = np.array([band[:, 0].mean(), lowest, band[:, 2].mean()])
+        heights = animal.vertices[carried, 1]
+        carried = carried[heights <= heights.min() + _SOLE_BAND * length]
+        band = animal.vertices[carried]
+        sole = np.array([band[:, 0].mean(), band[:, 1].min(), band[:, 2].mean()])
     points = np.concatenate((animal.starts[list(joints.joints)], sole[None]))
-    return Leg(joints, int(animal.parents[upper]), points, animal.frames[upper][:, 0])
+    return Leg(joints, int(animal.parents[upper]), points, animal.frames[upper][:, 0], carried)
 
 
 def bend(
-    leg: Leg, targets: Float[np.ndarray, "frame 3"], bends: Float[np.ndarray, "frame 2"]
+    leg: Leg, targets: Float[np.ndarray, "frame 3"], feet: Float[np.ndarray, "frame 3 3"], *, knee_forward: bool
 ) -> Float[np.ndarray, "frame 3 3 3"]:
-    """Turn the upper, lower and foot bone so that the sole comes to a target.
+    """Turn the upper and the lower bone so that the ankle comes to a target, and the foot bone as asked.
 
-    Knee and ankle bend in a given proportion, as far as the distance asks; the hip turns the bent leg towards the
-    target on the shortest way. A target out of reach is only pointed at.
+    The knee bends as far as the distance asks; the hip turns the bent leg towards the target on the shortest way. A target
+    out of reach is only pointed at. Upper and lower bone lie in one line at rest (:func:`fauna.geometry.skeleton.rest_skeleton`).
 
     Args:
         leg: at rest.
-        targets: of the sole seen from the hip, in the rest axes as the parent carries them, metres.
-        bends: proportion of the angles of knee and ankle; a positive one turns what is below it backwards.
+        targets: of the ankle seen from the hip, in the rest axes as the parent carries them, metres.
+        feet: turns of the foot bone against rest, in the same axes.
+        knee_forward: as in hind legs; elbows point backwards.
 
     Returns:
         Rotation of each bone against its parent, in rest axes.
     """
-    plane, along = _in_plane(leg)
-    wanted = np.linalg.norm(targets, axis=1) ** 2 - along.sum() ** 2
-    low, high = np.zeros(len(targets)), _MAX_BEND / np.abs(bends).max(axis=1)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        too_long = np.abs(_folded(plane, middle[:, None] * bends)) ** 2 > wanted
-        low, high = np.where(too_long, middle, low), np.where(too_long, high, middle)
-    angles = low[:, None] * bends
-    folded = _folded(plane, angles)
-    upright = np.cross(leg.axis, _across(leg))
-    sole = np.outer(np.real(folded), _across(leg)) + np.outer(np.imag(folded), upright) + along.sum() * leg.axis
-    knee, ankle = (Rotation.from_rotvec(angles[:, [joint]] * leg.axis).as_matrix() for joint in range(2))
-    return np.stack((shortest_turn(sole, targets), knee, ankle), axis=1)
-
-
-def _across(leg: Leg) -> Float[np.ndarray, " 3"]:
-    """A unit vector perpendicular to the axis: the direction from hip to ankle, which lies so up to rounding."""
-    line = leg.points[2] - leg.points[0]
-    line = line - leg.axis * (leg.axis @ line)
-    return line / max(float(np.linalg.norm(line)), 1e-12)
-
-
-def _in_plane(leg: Leg) -> tuple[Complex[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-    """The three bones as complex numbers in the plane they bend in (a turn is a factor), and along the axis."""
-    bones = np.diff(leg.points, axis=0)
-    across = _across(leg)
-    return bones @ across + 1j * (bones @ np.cross(leg.axis, across)), bones @ leg.axis
-
-
-def _folded(plane: Complex[np.ndarray, " 3"], angles: Float[np.ndarray, "frame 2"]) -> Complex[np.ndarray, " frame"]:
-    """From the hip to the sole after bending knee and ankle only."""
-    turns = np.exp(1j * angles)
-    return plane[0] + turns[:, 0] * (plane[1] + turns[:, 1] * plane[2])
+    upper, lower, _ = np.linalg.norm(np.diff(leg.points, axis=0), axis=1)
+    cosine = (np.square(targets).sum(axis=1) - upper**2 - lower**2) / (2.0 * upper * lower)
+    angles = np.arccos(cosine.clip(np.cos(_MAX_BEND), 1.0)) * (1.0 if knee_forward else -1.0)
+    knees = Rotation.from_rotvec(angles[:, None] * leg.axis).as_matrix()
+    first, second, _ = np.diff(leg.points, axis=0)
+    hips = shortest_turn(first + knees @ second, targets)
+    ankles = (hips @ knees).swapaxes(1, 2) @ feet
+    return np.stack((hips, knees, ankles), axis=1)
 
 
 def shortest_turn(

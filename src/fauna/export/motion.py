@@ -12,11 +12,10 @@ from fauna.export.joints import JOINT, NUM_JOINTS, ROOT
 from fauna.export.legs import Leg, bend
 
 _REACH = 0.99
-"""Share of a leg's length that a standing leg uses at most, so that knees never lock."""
+"""Share of the way from hip to ankle that a standing leg uses at most, so that knees never lock."""
 
-_FOLD = {True: ((-1.0, 0.7), (-0.7, 1.5)), False: ((1.0, -1.0), (1.1, -1.2))}
-"""Proportion of the angles of knee and ankle, standing and lifted, of front and hind legs: elbows point backwards and
-wrists fold back, knees point forwards and hocks backwards."""
+_ANKLE_RISES = {True: 0.4, False: 0.7}
+"""Share of a lifted foot's height by which the ankle of a front and of a hind leg rises; the rest is the foot folding back."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +40,13 @@ class Steps:
     def standing(self) -> Bool[np.ndarray, " frame"]:
         """Whether it carries."""
         return (self.lift <= 0.0) & self.grounded
+
+    def folded(self) -> Float[np.ndarray, "frame 3 3"]:
+        """How the foot bone is turned against rest: not at all on the ground, back in the air."""
+        foot = max(float(np.linalg.norm(self.leg.ankle_over_sole)), 1e-9)
+        drop = (1.0 - _ANKLE_RISES[self.as_front]) * float(self.places[:, 1].max()) / foot
+        angles = np.arccos(np.clip(1.0 - drop, 0.0, 1.0)) * self.lift
+        return Rotation.from_rotvec(np.outer(angles, (1.0, 0.0, 0.0))).as_matrix()
 
 
 @dataclass(eq=False)
@@ -92,22 +98,24 @@ class Motion:
     def excess(self, steps: Steps) -> Float[np.ndarray, " frame"]:
         """How much too high the hip is for the foot to stand, metres; negative where there is room, -inf in the air."""
         _, hip = self.carried(steps.leg)
-        apart = steps.places - hip
-        square = (_REACH * steps.leg.length) ** 2 - apart[:, 0] ** 2 - apart[:, 2] ** 2
+        apart = steps.places + steps.leg.ankle_over_sole - hip
+        square = (_REACH * steps.leg.reach) ** 2 - apart[:, 0] ** 2 - apart[:, 2] ** 2
         return np.where(steps.standing, -apart[:, 1] - np.sqrt(square.clip(min=0.0)), -np.inf)
 
     def place_foot(self, steps: Steps) -> None:
         """Bend a leg so that its sole is where it has to be; to be called when the spine is done.
 
-        A leg that does not reach the ground stays straight.
+        A standing foot bone keeps the direction it has at rest, so that the sole stays flat on the ground. A leg that does
+        not reach the ground stays straight.
         """
         if not steps.grounded:
             return
         rotation, hip = self.carried(steps.leg)
-        targets = np.einsum("fba,fb->fa", rotation, steps.places - hip)
-        standing, lifted = (np.array(fold) for fold in _FOLD[steps.as_front])
-        bends = standing + steps.lift[:, None] * (lifted - standing)
-        self.turns[:, list(steps.leg.joints.joints)] = bend(steps.leg, targets, bends)
+        folded = steps.folded()
+        targets = np.einsum("fba,fb->fa", rotation, steps.places + folded @ steps.leg.ankle_over_sole - hip)
+        feet = np.broadcast_to(rotation, folded.shape).swapaxes(1, 2) @ folded
+        turns = bend(steps.leg, targets, feet, knee_forward=not steps.as_front)
+        self.turns[:, list(steps.leg.joints.joints)] = turns
 
     def clip(self, name: str, *, loop: bool, speed: float, extras: dict[str, Any]) -> Clip:
         """The finished clip."""

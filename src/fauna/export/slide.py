@@ -4,16 +4,17 @@ import numpy as np
 from jaxtyping import Float
 
 from fauna.export.animal import Clip, RiggedAnimal, rigid
-from fauna.export.legs import legs_of
+from fauna.export.legs import Leg, legs_of
 
 _SAMPLES = 60
 """Moments of a stance that are looked at; they do not fall on frames."""
 
 
 def foot_slide(animal: RiggedAnimal, clip: Clip) -> dict[str, float]:
-    """Largest distance of each standing sole from where the ground would have taken it.
+    """Largest distance of any vertex of each standing sole from where the ground would have taken it.
 
-    The ground moves backwards at the clip's ``speed``; a foot's place on it is that of the middle of its stance.
+    The ground moves backwards at the clip's ``speed``; a vertex's place on it is that of the middle of its stance. Vertices
+    are posed with their four weights; where a foot carries none, the end of its bone counts.
 
     Returns:
         Share of the leg's length, of each leg that the clip's ``footfalls`` names.
@@ -26,13 +27,23 @@ def foot_slide(animal: RiggedAnimal, clip: Clip) -> dict[str, float]:
             continue
         since = duty * period * np.linspace(0.0, 1.0, _SAMPLES)
         rotations, translation = sample(clip, (footfall * period + since) % period)
-        foot = leg.joints.joints[2]
-        moved = animal.joint_transforms(rotations, translation)[:, foot]
-        moved = moved @ np.linalg.inv(rigid(animal.frames[foot], animal.starts[foot]))
-        ground = moved[:, :3, :3] @ leg.sole + moved[:, :3, 3] + np.outer(since, (0.0, 0.0, clip.speed))
-        apart = np.linalg.norm(ground - ground[_SAMPLES // 2], axis=1)
+        ground = _soles(animal, leg, rotations, translation) + np.outer(since, (0.0, 0.0, clip.speed))[:, None]
+        apart = np.linalg.norm(ground - ground[_SAMPLES // 2], axis=-1)
         slides[leg.joints.name] = float(apart.max() / leg.length)
     return slides
+
+
+def _soles(
+    animal: RiggedAnimal, leg: Leg, rotations: Float[np.ndarray, "time 21 4"], translation: Float[np.ndarray, "time 3"]
+) -> Float[np.ndarray, "time point 3"]:
+    """The vertices of a leg's sole in poses; the sole itself, carried by the foot bone, where there are none."""
+    moved = animal.joint_transforms(rotations, translation) @ np.linalg.inv(rigid(animal.frames, animal.starts))
+    vertices = leg.sole_vertices
+    if not len(vertices):
+        foot = moved[:, None, leg.joints.joints[2]]
+        return foot[..., :3, :3] @ leg.sole + foot[..., :3, 3]
+    blended = np.einsum("vi,tvijk->tvjk", animal.weights[vertices], moved[:, animal.influences[vertices], :3])
+    return np.einsum("tvjk,vk->tvj", blended[..., :3], animal.vertices[vertices]) + blended[..., 3]
 
 
 def sample(

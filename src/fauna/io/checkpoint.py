@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from lightning import Trainer
 from omegaconf import OmegaConf
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save
@@ -19,16 +18,6 @@ from fauna.model import FaunaModel
 from fauna.stages import Stage
 
 log = logging.getLogger(__name__)
-
-
-def save_checkpoint(trainer: Trainer, path: Path) -> None:
-    """Write a Lightning checkpoint so that ``path`` is either absent, the old file or the complete new one."""
-    partial = path.with_suffix(".partial")
-    trainer.save_checkpoint(partial)
-    if trainer.is_global_zero:
-        with partial.open("rb") as handle:
-            os.fsync(handle.fileno())
-        os.replace(partial, path)
 
 
 def checkpoints(folder: Path) -> list[Path]:

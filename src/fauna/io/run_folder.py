@@ -9,9 +9,9 @@ from typing import Any
 import torch
 from omegaconf import OmegaConf
 
-from fauna.callbacks.checkpoints import environment
 from fauna.errors import FaunaError
 from fauna.io.checkpoint import checkpoints, newest_checkpoint
+from fauna.io.environment import environment
 
 log = logging.getLogger(__name__)
 

@@ -26,7 +26,7 @@ class Rembg(Segmenter):
             import rembg  # pyright: ignore[reportMissingImports]  # an optional extra
         except ImportError as error:
             raise FaunaError(
-                "segmenter rembg: expected the package rembg, got none; pip install 'fauna[rembg]', or use grabcut"
+                "segmenter rembg: expected the package rembg, got none; pip install -e '.[rembg]' in the checkout, or use grabcut"
             ) from error
         try:
             self.session: Any = rembg.new_session(weights)

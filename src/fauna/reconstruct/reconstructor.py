@@ -185,6 +185,7 @@ class Reconstructor:
             return self._refusal(name, Refused("failed", str(error)), flags, facts, clock)
         if fit.measures.ambiguity >= self.settings.quality.ambiguous:
             flags = (*flags, "ambiguous_viewpoint")
+        flags += ("confidence_not_calibrated",) if self.weights.sha256 != self.settings.quality.weights else ()
         flags += ("refined",) if fit.refined_iou is not None else ()
         flags += ("texture_finetuned",) if fit.model is not self.model else ()
         status, reason = judge(fit.measures, self.settings.quality)

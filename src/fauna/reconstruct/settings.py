@@ -93,6 +93,8 @@ class QualitySettings:
         bias: of the logistic model of :func:`fauna.reconstruct.quality.confidence`.
         iou: its weight of the outlines' IoU.
         strangeness: its weight against strangeness.
+        distinctness: its weight of distinctness.
+        weights: SHA-256 of the weight file that these four numbers were fitted to.
         quadruped: confidence below which the status is ``not_a_quadruped``.
     """
 
@@ -101,6 +103,8 @@ class QualitySettings:
     bias: float
     iou: float
     strangeness: float
+    distinctness: float
+    weights: str
     quadruped: float
 
 

@@ -34,6 +34,7 @@ FLAGS = {
     "more_animals": "there were more animals than the limit; the smaller ones are left out",
     "cut_by_border": "the animal goes on outside the photograph",
     "ambiguous_viewpoint": "two or more viewpoints were about equally likely",
+    "confidence_not_calibrated": "confidence was fitted to other weights than these: only its order means something",
     "refined": "bone angles and camera were fitted to the mask",
     "texture_finetuned": "the texture network was fitted to the photograph",
 }

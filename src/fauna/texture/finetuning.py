@@ -9,6 +9,7 @@ from torch import Tensor
 from fauna.errors import FaunaError
 from fauna.losses.reconstruction import eroded_intersection, values_at
 from fauna.model import FaunaModel
+from fauna.texture.adam import Adam
 from fauna.texture.visible import see, texture_embedding
 from fauna.types import Batch, Reconstruction
 
@@ -52,12 +53,12 @@ def finetune(
     intensity = seen.intensity[inside][:, None]
     target = values_at(batch.images, out.selection.photo[row], seen.pixels[inside])
     texture = texture_embedding(out).detach()
-    optimizer = torch.optim.Adam(field.parameters(), lr=lr)
+    optimizer = Adam(field.parameters())
     for _ in range(iterations):
         loss = (fitted.appearance.albedo(points, texture, row) * intensity - target).abs().mean()
         optimizer.zero_grad()
         loss.backward()
-        optimizer.step()
+        optimizer.step(lr)
     optimizer.zero_grad()
     return fitted
 

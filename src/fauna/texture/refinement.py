@@ -1,5 +1,6 @@
 """Bone angles and camera of photographs fitted to their masks, the shape left as predicted."""
 
+import math
 from dataclasses import dataclass, replace
 
 import torch
@@ -11,6 +12,7 @@ from fauna.losses.reconstruction import mask_loss, mask_miss_loss, mask_spill_lo
 from fauna.metrics.iou import silhouette_iou
 from fauna.model import FaunaModel
 from fauna.renderer.deferred import render, render_silhouette
+from fauna.texture.adam import Adam
 from fauna.texture.fitting import FreePose
 from fauna.texture.visible import texture_embedding
 from fauna.types import Batch, Reconstruction
@@ -86,8 +88,7 @@ def refine(
 def _fit(model: FaunaModel, batch: Batch, pose: FreePose, steps: int, options: RefineOptions) -> dict[str, Tensor]:
     """The parameters with the lowest loss, each row on its own."""
     parameters, size = pose.parameters, (batch.masks.shape[-2], batch.masks.shape[-1])
-    optimizer = torch.optim.Adam(parameters.values(), lr=options.lr)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, max(steps, 1))
+    optimizer = Adam(parameters.values())
     best = {name: value.detach().clone() for name, value in parameters.items()}
     lowest = batch.masks.new_full((len(batch.masks),), torch.inf)
     for step in range(steps + 1):
@@ -103,8 +104,7 @@ def _fit(model: FaunaModel, batch: Batch, pose: FreePose, steps: int, options: R
         if step < steps:
             optimizer.zero_grad()
             losses.sum().backward()
-            optimizer.step()
-            schedule.step()
+            optimizer.step(options.lr * 0.5 * (1.0 + math.cos(math.pi * step / steps)))
     return best
 
 

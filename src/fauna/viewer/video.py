@@ -50,7 +50,7 @@ def _write_mp4(path: Path, frames: Sequence[UInt8[np.ndarray, "height width 3"]]
         import av
     except ImportError as error:
         raise FaunaError(
-            f"{path}: expected an encoder for .mp4, got none; pip install 'fauna[video]', or write .webp"
+            f"{path}: expected an encoder for .mp4, got none; pip install -e '.[video]' in the checkout, or write .webp"
         ) from error
     height, width = frames[0].shape[:2]
     if height % 2 or width % 2:
