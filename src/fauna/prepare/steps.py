@@ -1,7 +1,7 @@
 """What a step is. Everything that runs steps (one process, shards, Ray) goes by this and nothing else."""
 
+from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import Protocol
 
 from fauna.prepare.record import Rows
 from fauna.prepare.settings import Settings
@@ -11,7 +11,7 @@ IMAGE_STEPS = ("scan", "mask", "crop", "filter", "features")
 """The steps that work on one photograph at a time, in their order."""
 
 
-class Step(Protocol):
+class Step(ABC):
     """A step that works on one photograph at a time: a pure function of its rows and the files they name.
 
     A step is made where it runs, from settings and the workspace, and may hold weights. It never looks at other photographs.
@@ -20,10 +20,11 @@ class Step(Protocol):
     name: str
 
     @property
+    @abstractmethod
     def key(self) -> str:
         """Digest of whatever decides the outcome beside the rows: settings of this step, weights. Work done with another key is done again."""
-        ...
 
+    @abstractmethod
     def __call__(self, rows: Rows) -> Rows:
         """The rows of the photograph after the step.
 
@@ -31,11 +32,10 @@ class Step(Protocol):
         this returns; what is returned is committed by the caller. A picture that cannot be used becomes ``row.rejected(...)``;
         anything raised is a defect or a condition of the machine (full disk) and ends the run.
         """
-        ...
 
+    @abstractmethod
     def outputs(self, rows: Rows) -> list[Path]:
         """Files that a committed photograph must have; where one is missing the photograph is done again."""
-        ...
 
 
 def build_step(name: str, settings: Settings, workspace: Workspace) -> Step:

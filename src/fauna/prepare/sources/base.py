@@ -1,12 +1,12 @@
 """What every kind of source gives."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from typing import Protocol
 
 from fauna.prepare.record import Rows
 
 
-class Source(Protocol):
+class Source(ABC):
     """A pile of photographs, listed without opening them.
 
     Attributes:
@@ -17,6 +17,7 @@ class Source(Protocol):
     kind: str
     keypoint_names: tuple[str, ...] | None
 
+    @abstractmethod
     def photos(self) -> Iterator[Rows]:
         """The rows of every photograph, each photograph once, in an order that is the same on every machine.
 
@@ -25,4 +26,3 @@ class Source(Protocol):
         ``workspace.unpacked`` while they are listed; their rows have ``source="work:unpacked/..."``, ``group`` = the video and
         ``frame``. All rows of one photograph share ``photo``, ``source`` and ``group``.
         """
-        ...
