@@ -47,6 +47,7 @@ class MaskSettings:
     """Where masks come from, and what of them is an animal; as :class:`fauna.reconstruct.settings.MaskSettings`."""
 
     segmenter: str
+    encoder: str
     detector: str | None
     detector_score: float
     animal_share: float
@@ -87,7 +88,7 @@ class FeatureSettings:
     """Feature maps that are stored with the crops."""
 
     encoder: str | None
-    grid: int
+    grid: int | None
     channels: int
     fit_photos: int
     seed: int
