@@ -20,6 +20,7 @@ class Reason:
 
 REASONS: dict[str, Reason] = {
     "annotation": Reason("scan", "the annotation cannot be used, its origin says why"),
+    "refused": Reason("scan", "an archive holds it in a way that is not safe to unpack"),
     "missing": Reason("scan", "the file that an annotation names is not there"),
     "unreadable": Reason("scan", "no picture, a damaged one, or one that may not be read"),
     "too_large": Reason("scan", "the file or the picture exceeds what is read"),
@@ -29,6 +30,7 @@ REASONS: dict[str, Reason] = {
     "duplicate": Reason("scan", "the same file again"),
     "near_duplicate": Reason("scan", "nearly the same picture again", True),
     "bad_mask": Reason("mask", "the given mask is no picture, or none of this photograph"),
+    "no_mask": Reason("mask", "no mask was given, and mask.segmenter=none"),
     "no_animal": Reason("mask", "the mask is empty, or nothing stands out from the background"),
     "more_animals": Reason("mask", "there are more animals than the limit, and this is one of the smaller ones", True),
     "small_animal": Reason("filter", "the animal has too few pixels in the photograph", True),

@@ -30,6 +30,7 @@ class SourceSettings:
     frames_per_second: float
     max_archive_bytes: int
     min_visibility: float
+    rename: tuple[str, ...]
 
 
 @dataclass(frozen=True)
