@@ -131,6 +131,8 @@ class Settings:
     work: str | None
     shard: str | None
     shards: int
+    runner: str
+    manifest_rows: int
     overrides: str | None
     source: SourceSettings
     photo: PhotoSettings
@@ -145,6 +147,8 @@ class Settings:
 
     def __post_init__(self) -> None:
         check_choice("crop.rule", self.crop.rule, CROP_RULES)
+        check_choice("runner", self.runner, ("local", "ray"))
+        check_range("manifest_rows", self.manifest_rows, 1, 10**9)
         check_choice("check.unlicensed", self.check.unlicensed, ("warn", "fail"))
         check_range("crop.size", self.crop.size, 32, 2048)
         check_range("crop.jpeg_quality", self.crop.jpeg_quality, 1, 100)

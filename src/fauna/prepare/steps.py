@@ -33,6 +33,10 @@ class Step(ABC):
         anything raised is a defect or a condition of the machine (full disk) and ends the run.
         """
 
+    def stamp(self, rows: Rows) -> str:
+        """What a repetition depends on beside the rows, told without reading: sizes and times of files."""
+        return ""
+
     @abstractmethod
     def outputs(self, rows: Rows) -> list[Path]:
         """Files that a committed photograph must have; where one is missing the photograph is done again."""

@@ -53,7 +53,7 @@ def write_table(path: Path, rows: Iterable[Record]) -> int:
         How many rows.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}-{os.getpid()}{PARTIAL}")
+    partial = path.with_name(f".{path.name}{PARTIAL}")
     number = 0
     try:
         with pq.ParquetWriter(partial, SCHEMA, compression="zstd") as writer:

@@ -1,7 +1,6 @@
 """Where things are: SOURCE is only read, DEST holds the finished set and nothing else, WORK everything on the way to it."""
 
 import contextlib
-import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,7 +73,7 @@ def write_file(path: Path, content: bytes) -> None:
     with contextlib.suppress(OSError):
         if path.stat().st_size == len(content) and path.read_bytes() == content:
             return
-    partial = path.with_name(f".{path.name}-{os.getpid()}{PARTIAL}")
+    partial = path.with_name(f".{path.name}{PARTIAL}")
     try:
         try:
             partial.write_bytes(content)
