@@ -10,10 +10,11 @@ import numpy as np
 from jaxtyping import Bool
 from PIL import Image
 
+from fauna.data.photo_files import file_stamp
 from fauna.data.readers.crop import widen_box
 from fauna.masks.animals import split_animals
 from fauna.masks.base import Segmenter
-from fauna.prepare.masks_given import holds_one, read_given
+from fauna.prepare.masks_given import given_file, holds_one, read_given
 from fauna.prepare.pictures import open_photograph
 from fauna.prepare.record import Box, Record, Rows, row_id
 from fauna.prepare.settings import Settings, digest
@@ -117,6 +118,11 @@ class MaskStep(Step):
             done.append(masked)
             further += more
         return (*done, *further)
+
+    def stamp(self, rows: Rows) -> str:
+        """Sizes and times of the given masks' files."""
+        found = (given_file(row.given_mask, self.workspace) for row in rows if row.given_mask is not None)
+        return "|".join(file_stamp(path) for path in found if path is not None)
 
     def outputs(self, rows: Rows) -> list[Path]:
         """The masks of rows that are ok."""

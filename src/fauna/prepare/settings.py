@@ -84,6 +84,16 @@ class FilterSettings:
 
 
 @dataclass(frozen=True)
+class SheetSettings:
+    """Contact sheets for people."""
+
+    cell: int
+    columns: int
+    per_reason: int
+    per_species: int
+
+
+@dataclass(frozen=True)
 class FeatureSettings:
     """Feature maps that are stored with the crops."""
 
@@ -140,6 +150,7 @@ class Settings:
     mask: MaskSettings
     crop: CropSettings
     filter: FilterSettings
+    sheets: SheetSettings
     features: FeatureSettings
     split: SplitSettings
     check: CheckSettings
