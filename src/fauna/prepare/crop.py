@@ -60,10 +60,10 @@ class CropStep(Step):
         return tuple(self._cropped(row, photograph, picture) if row.ok else row for row in rows)
 
     def outputs(self, rows: Rows) -> list[Path]:
-        """Crop, mask and box of rows that are ok; keypoints where some are annotated."""
+        """Crop, mask and box of rows that are ok; keypoints where the source has some."""
         ends = ("rgb.jpg", "mask.png", "box.txt")
         files = [self.workspace.crop(row.id, end) for row in rows if row.ok for end in ends]
-        return files + [self.workspace.crop(row.id, "keypoints.json") for row in rows if row.ok and has_keypoints(row)]
+        return files + [self.workspace.crop(row.id, "keypoints.json") for row in rows if row.ok and row.keypoints is not None]
 
     def _cropped(self, row: Record, photograph: Photograph, picture: Image.Image) -> Record:
         mask = read_mask(self.workspace.mask(row.id))
@@ -77,18 +77,13 @@ class CropStep(Step):
         write_file(self.workspace.crop(row.id, "rgb.jpg"), rgb)
         write_file(self.workspace.crop(row.id, "mask.png"), drawn)
         write_file(self.workspace.crop(row.id, "box.txt"), box_line(row.frame, box, photograph).encode())
-        if has_keypoints(row):
-            points = crop_keypoints(row.keypoints or (), (left, top, side), self.settings.crop.size)
+        if row.keypoints is not None:
+            points = crop_keypoints(row.keypoints, (left, top, side), self.settings.crop.size)
             content = json.dumps({"keypoints": points}, separators=(",", ":"))
             write_file(self.workspace.crop(row.id, "keypoints.json"), content.encode())
-        elif row.keypoints is not None:
-            row = row.with_notes("no_keypoint_annotated")
+            if not any(flag for *_, flag in row.keypoints):
+                row = row.with_notes("no_keypoint_annotated")
         return replace(row, rgb_sha256=_sha256(rgb), mask_sha256=_sha256(drawn))
-
-
-def has_keypoints(row: Record) -> bool:
-    """Whether any keypoint of a row is annotated."""
-    return any(flag for *_, flag in row.keypoints or ())
 
 
 def crop_keypoints(points: tuple[Point, ...], window: tuple[float, float, float], size: int) -> list[list[float]]:

@@ -51,7 +51,8 @@ class FilterStep(Step):
         small = decode_image(self.workspace.crop(row.id, "mask.png"), "L") > MASK_THRESHOLD
         mask = read_mask(self.workspace.mask(row.id))
         scale = (row.width or mask.shape[1]) / mask.shape[1]
-        found = measure(image, np.asarray(small), mask, scale=scale, speck_share=self.settings.filter.speck_share)
+        own = self.settings.filter
+        found = measure(image, np.asarray(small), mask, scale=scale, speck_share=own.speck_share, border=own.border)
         row = replace(
             row,
             sharpness=round(found.sharpness, 3),
@@ -60,7 +61,7 @@ class FilterStep(Step):
             occlusion=round(found.occlusion, 6),
             parts=found.parts,
         )
-        against = [*objections(found, self.settings.filter), *(["dropped"] if row.override == "drop" else [])]
+        against = [*objections(found, own), *(["dropped"] if row.override == "drop" else [])]
         return row.rejected(self.name, *against) if against else row
 
 

@@ -44,7 +44,7 @@ class Found:
         notes: of :data:`fauna.prepare.reasons.NOTES`.
     """
 
-    animals: tuple[Mask, ...]
+    animals: list[Mask]
     source: str
     notes: tuple[str, ...]
 
@@ -162,7 +162,7 @@ class MaskStep(Step):
             raise Refused("no_animal", f"{row.id}: expected an animal, got an empty mask; give a mask of the animal")
         if row.box is not None or one:
             animals = [np.logical_or.reduce(animals)]
-        return Found(tuple(sorted(animals, key=lambda animal: -int(animal.sum()))), source, notes)
+        return Found(sorted(animals, key=lambda animal: -int(animal.sum())), source, notes)
 
     def _split(self, mask: Mask) -> list[Mask]:
         own = self.settings.mask

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, UInt8
 
-from fauna.masks.animals import connected, touched_border
+from fauna.masks.animals import connected, extent, touched_border
 
 INSIDE = 3
 """Pixels by which a mask is shrunk before sharpness is measured: the outline is no texture of the animal."""
@@ -40,6 +40,7 @@ def measure(
     *,
     scale: float,
     speck_share: float,
+    border: float,
 ) -> Measures:
     """Measure an animal.
 
@@ -49,19 +50,33 @@ def measure(
         mask: of the photograph at working size, not empty.
         scale: pixels of the photograph at full size per pixel of ``mask``.
         speck_share: parts smaller than this share of the mask are not counted.
+        border: width of the strip that counts as the photograph's border, shares of its longer side.
     """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    extent = max(int(np.ptp(rows)), int(np.ptp(columns))) + 1
     window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
     largest, parts = in_parts(mask[window], speck_share)
     return Measures(
-        extent=extent * scale,
+        extent=extent(mask) * scale,
         sharpness=sharpness(image, crop_mask),
         fill=float(crop_mask.mean()),
-        truncation=touched_border(mask),
+        truncation=truncation(mask, round(border * max(mask.shape))),
         occlusion=1.0 - largest,
         parts=parts,
     )
+
+
+def truncation(mask: Bool[np.ndarray, "height width"], border: int) -> float:
+    """Share of the bounding box's circumference along which the mask reaches the photograph's border or ends just before it.
+
+    Masks are often drawn a few pixels short of the border at which the photograph cuts the animal.
+
+    Args:
+        mask: of the photograph.
+        border: pixels that are counted as border.
+    """
+    height, width = mask.shape
+    inner = mask[border : height - border, border : width - border]
+    return touched_border(inner) if inner.any() else 0.0
 
 
 def sharpness(image: UInt8[np.ndarray, "side side 3"], mask: Bool[np.ndarray, "side side"]) -> float:

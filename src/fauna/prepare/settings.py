@@ -81,6 +81,7 @@ class FilterSettings:
     max_fill: float | None
     max_parts: int | None
     speck_share: float
+    border: float
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ class AnnotatedSource(Source):
         images: folder of the photographs.
         naming: of the rows.
         box_margin: by which annotated boxes are widened, shares of the larger side.
+        keypoint_names: of the reader, canonical.
     """
 
     kind: str
@@ -37,11 +38,7 @@ class AnnotatedSource(Source):
     images: Path
     naming: Naming
     box_margin: float
-
-    @property
-    def keypoint_names(self) -> tuple[str, ...] | None:
-        """Canonical names, ``None`` without keypoints."""
-        return self.reader.keypoint_names
+    keypoint_names: tuple[str, ...] | None
 
     def photos(self) -> Iterator[Rows]:
         """Photographs in the order in which the file first names them; then what cannot be used."""
@@ -105,23 +102,14 @@ class SeveralSources(Source):
     """Several annotation files below one folder, with their keypoints in one order.
 
     Attributes:
+        kind: of all files, ``several`` where they differ.
+        keypoint_names: every name that any file has, in the order of the files.
         sources: of the files.
-        kind: of the sources, ``several`` where they differ.
     """
 
+    kind: str
+    keypoint_names: tuple[str, ...] | None
     sources: tuple[AnnotatedSource, ...]
-
-    @property
-    def kind(self) -> str:
-        """That of all, or ``several``."""
-        kinds = {source.kind for source in self.sources}
-        return next(iter(kinds)) if len(kinds) == 1 else "several"
-
-    @property
-    def keypoint_names(self) -> tuple[str, ...] | None:
-        """Every name that any file has, in the order of the files."""
-        names = dict.fromkeys(name for source in self.sources for name in source.keypoint_names or ())
-        return tuple(names) or None
 
     def photos(self) -> Iterator[Rows]:
         """File by file; what is named twice is used once."""
@@ -136,6 +124,15 @@ class SeveralSources(Source):
                 yield tuple(
                     replace(row, keypoints=_placed(row.keypoints, source.keypoint_names or (), places)) for row in rows
                 )
+
+
+def joined(sources: Sequence[AnnotatedSource]) -> Source:
+    """One source of several annotation files; a single one is itself."""
+    if len(sources) == 1:
+        return sources[0]
+    kinds = sorted({source.kind for source in sources})
+    names = dict.fromkeys(name for source in sources for name in source.keypoint_names or ())
+    return SeveralSources(kinds[0] if len(kinds) == 1 else "several", tuple(names) or None, tuple(sources))
 
 
 def _placed(

@@ -14,7 +14,7 @@ from fauna.data.readers.files import find_image, forward_slashes
 from fauna.data.readers.stanfordextra import StanfordExtraPhotos
 from fauna.errors import FaunaError
 from fauna.prepare.settings import Settings
-from fauna.prepare.sources.annotated import AnnotatedSource, SeveralSources
+from fauna.prepare.sources.annotated import AnnotatedSource, joined
 from fauna.prepare.sources.base import Source
 from fauna.prepare.sources.naming import PROVENANCE, Naming
 from fauna.prepare.sources.profiles import COCO, PROFILES, Profile, recognise
@@ -32,10 +32,8 @@ def open_annotations(root: Path, kind: str, settings: Settings, naming: Naming) 
     if kind not in ("auto", *ANNOTATION_KINDS):
         return None
     found = [_annotated(file, content, kind, settings, naming, root) for file, content in _json_files(root)]
-    sources = tuple(each for each in found if each is not None)
-    if not sources:
-        return None
-    return sources[0] if len(sources) == 1 else SeveralSources(sources)
+    sources = [each for each in found if each is not None]
+    return joined(sources) if sources else None
 
 
 def _annotated(
@@ -52,7 +50,7 @@ def _annotated(
     reader.images = _images_folder(file, content, form, base, settings.source.images)
     species = "dog" if form == "stanfordextra" else naming.species
     named = replace(naming, species=species, provenance=PROVENANCE.get(profile.name, naming.provenance))
-    return AnnotatedSource(profile.name, reader, reader.images, named, profile.box_margin)
+    return AnnotatedSource(profile.name, reader, reader.images, named, profile.box_margin, reader.keypoint_names)
 
 
 def _reader(file: Path, content: Any, form: str, profile: Profile, visible: float) -> KeypointPhotos:

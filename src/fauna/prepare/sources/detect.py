@@ -130,22 +130,17 @@ def _below(root: Path, settings: Settings) -> Path:
 class _WithRefused(Source):
     """A source, and what of its archive was refused."""
 
+    kind: str
+    keypoint_names: tuple[str, ...] | None
     source: Source
     refused: tuple[Record, ...]
 
-    @property
-    def kind(self) -> str:
-        return self.source.kind
-
-    @property
-    def keypoint_names(self) -> tuple[str, ...] | None:
-        return self.source.keypoint_names
-
     def photos(self) -> Iterator[Rows]:
+        """Those of the source, then the refused names."""
         yield from self.source.photos()
         yield from ((row,) for row in self.refused)
 
 
 def _with_refused(source: Source, naming: Naming, refused: tuple[tuple[str, str], ...]) -> Source:
     rows = tuple(naming.unusable(f"archive/{name}", reason, "refused") for name, reason in refused)
-    return _WithRefused(source, rows) if rows else source
+    return _WithRefused(source.kind, source.keypoint_names, source, rows) if rows else source

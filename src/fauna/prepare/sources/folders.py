@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from fauna.prepare.masks_given import ANY
 from fauna.prepare.record import Record, Rows
@@ -45,7 +46,7 @@ class FolderSource(Source):
     def _rows(self, path: Path) -> Rows:
         species = self._species(path)
         licence = licence_beside(path) if self.kind == "awa2" else None
-        more = _frame(path, self.naming) if self.sequences else {}
+        more: dict[str, Any] = _frame(path, self.naming) if self.sequences else {}
         masks = masks_beside(path)
         if not masks:
             return (self.naming.row(path, species, licence=licence, **more),)
@@ -97,7 +98,7 @@ class PairedSource(Source):
         mask = next(filter(Path.is_file, _mask_names(self.masks / relative)), None)
         species = next((part for part in relative.parts[:-1] if part.lower() not in TRANSPARENT), None)
         given = None if mask is None else f"{ANY}:{self.naming.text(mask)}"
-        more = _frame(path, self.naming) if self.sequences and len(relative.parts) > 1 else {}
+        more: dict[str, Any] = _frame(path, self.naming) if self.sequences and len(relative.parts) > 1 else {}
         return self.naming.row(path, species, given_mask=given, **more)
 
 
@@ -157,7 +158,7 @@ def _mask_names(path: Path) -> Iterator[Path]:
     yield path.with_name(f"{path.stem}_mask.png")
 
 
-def _frame(path: Path, naming: Naming) -> dict[str, object]:
+def _frame(path: Path, naming: Naming) -> dict[str, Any]:
     """Group and frame number of a file in a video's folder."""
     number = re.search(r"(\d{1,15})\D*$", path.stem)
     return {"group": naming.text(path.parent), "frame": int(number[1]) if number else None}

@@ -1,7 +1,9 @@
 """What the published COCO-like sets need beyond the format, and how each is recognised by its file."""
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 from fauna.data.readers.keypoints import KEYPOINT_SETS
@@ -44,35 +46,25 @@ PROFILES: dict[str, Profile] = {
 
 def recognise(content: Mapping[str, Any]) -> Profile:
     """The profile of a COCO-like file; :data:`COCO` for one of no published set."""
-    images, annotations = content.get("images"), content.get("annotations")
-    first = next((each for each in annotations if isinstance(each, Mapping)), {}) if _is_list(annotations) else {}
-    if isinstance(images, Mapping):  # Animal-Pose as published: file names by id
+    if isinstance(content.get("images"), Mapping):  # Animal-Pose as published: file names by id
         return PROFILES["animalpose"]
+    first = next(_objects(content, "annotations"), {})
     if {"animal", "animal_parent_class"} <= set(first):
         return PROFILES["animal_kingdom"]
-    listed = (
-        [str(each.get("file_name", "")) for each in images if isinstance(each, Mapping)] if _is_list(images) else []
-    )
-    names = _category_names(content)
+    names = next((sorted(str(name).strip() for name in each["keypoints"]) for each in _objects(content, "categories") if each.get("keypoints")), None)  # fmt: skip
     if names is None:
         count = len(first.get("keypoints") or ()) // 3
         return {17: PROFILES["ap10k"], 20: PROFILES["animalpose"]}.get(count, COCO)
     for name in ("horse10", "zebra", "atrw", "animalpose"):
-        if sorted(names) == sorted(KEYPOINT_SETS[name].names):
+        if names == sorted(KEYPOINT_SETS[name].names):
             return PROFILES[name]
-    if sorted(names) == sorted(KEYPOINT_SETS["ap10k"].names):
-        clips = any("/v" in name.replace("\\", "/") and "c" in name.lower() for name in listed[:50])
+    if names == sorted(KEYPOINT_SETS["ap10k"].names):
+        files = [str(each.get("file_name", "")).replace("\\", "/") for each in islice(_objects(content, "images"), 50)]
+        clips = any(re.search(r"/v\d+c\d+/", name, re.IGNORECASE) for name in files)
         return PROFILES["apt36k" if clips else "ap10k"]
     return COCO
 
 
-def _category_names(content: Mapping[str, Any]) -> Sequence[str] | None:
-    categories = content.get("categories")
-    for each in categories if isinstance(categories, list) else ():
-        if isinstance(each, Mapping) and each.get("keypoints"):
-            return [str(name).strip() for name in each["keypoints"]]
-    return None
-
-
-def _is_list(value: object) -> bool:
-    return isinstance(value, list)
+def _objects(content: Mapping[str, Any], key: str) -> Iterator[Mapping[str, Any]]:
+    listed = content.get(key)
+    return (each for each in (listed if isinstance(listed, list) else ()) if isinstance(each, Mapping))
