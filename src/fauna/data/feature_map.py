@@ -44,10 +44,15 @@ def decode_feature_map(
 
 def encode_feature_map(features: Float[Tensor, "chan height width"]) -> UInt8[np.ndarray, "height wide 3"]:
     """Encode vectors in [-1, 1] as ``round((f + 1) * 127)``, zero-padded to whole tiles."""
-    chan, height, width = features.shape
+    return tile_channels(((features.clamp(-1, 1) + 1) * 127).round().to(torch.uint8))
+
+
+def tile_channels(channels: UInt8[Tensor, "chan height width"]) -> UInt8[np.ndarray, "height wide 3"]:
+    """8-bit channels as RGB tiles side by side, zero-padded to whole tiles: what a ``feat16.png`` holds."""
+    chan, height, width = channels.shape
     tiles = -(-chan // 3)
     padded = torch.zeros(tiles * 3, height, width, dtype=torch.uint8)
-    padded[:chan] = ((features.clamp(-1, 1) + 1) * 127).round().to(torch.uint8)
+    padded[:chan] = channels
     return padded.reshape(tiles, 3, height, width).permute(2, 0, 3, 1).reshape(height, tiles * width, 3).numpy()
 
 

@@ -5,6 +5,7 @@
 """
 
 import json
+from pathlib import Path
 
 import numpy as np
 from PIL import Image
@@ -38,6 +39,12 @@ def holds_one(text: str) -> bool:
     return not text.startswith(f"{ANY}:")
 
 
+def given_file(text: str, workspace: Workspace) -> Path | None:
+    """The picture file of a mask, ``None`` for masks that annotations hold."""
+    kind, _, rest = text.partition(":")
+    return workspace.photo(rest) if kind in (ONE, ANY) else None
+
+
 def read_given(text: str, photograph: Photograph, workspace: Workspace, limits: MaskSettings) -> FoundMasks:
     """The masks of a line.
 
@@ -50,10 +57,10 @@ def read_given(text: str, photograph: Photograph, workspace: Workspace, limits: 
     Raises:
         Refused: ``bad_mask``, for a file that is no picture, or a mask of something else.
     """
-    kind, _, rest = text.partition(":")
-    if kind in (ONE, ANY):
-        path = workspace.photo(rest)
+    path = given_file(text, workspace)
+    if path is not None:
         return read_masks([path], photograph, "given", limits)
+    kind, _, rest = text.partition(":")
     try:
         values = json.loads(rest)
         if kind == "rle":

@@ -47,6 +47,7 @@ class MaskSettings:
     """Where masks come from, and what of them is an animal; as :class:`fauna.reconstruct.settings.MaskSettings`."""
 
     segmenter: str
+    encoder: str
     detector: str | None
     detector_score: float
     animal_share: float
@@ -83,11 +84,21 @@ class FilterSettings:
 
 
 @dataclass(frozen=True)
+class SheetSettings:
+    """Contact sheets for people."""
+
+    cell: int
+    columns: int
+    per_reason: int
+    per_species: int
+
+
+@dataclass(frozen=True)
 class FeatureSettings:
     """Feature maps that are stored with the crops."""
 
     encoder: str | None
-    grid: int
+    grid: int | None
     channels: int
     fit_photos: int
     seed: int
@@ -139,6 +150,7 @@ class Settings:
     mask: MaskSettings
     crop: CropSettings
     filter: FilterSettings
+    sheets: SheetSettings
     features: FeatureSettings
     split: SplitSettings
     check: CheckSettings

@@ -13,12 +13,13 @@ from fauna.data.readers.files import find_image
 from fauna.data.readers.masks import Mask, MaskFile
 from fauna.prepare.masks_given import ONE, text_of_mask
 from fauna.prepare.record import Point, Record, Rows
+from fauna.prepare.sources.base import Source
 from fauna.prepare.sources.naming import Naming
 from fauna.prepare.workspace import text_of_path
 
 
 @dataclass(frozen=True)
-class AnnotatedSource:
+class AnnotatedSource(Source):
     """Photographs that an annotation file names.
 
     All entries are held in memory, as they are in the file. A photograph's animals are numbered in the order of the file.
@@ -100,7 +101,7 @@ class AnnotatedSource:
 
 
 @dataclass(frozen=True)
-class SeveralSources:
+class SeveralSources(Source):
     """Several annotation files below one folder, with their keypoints in one order.
 
     Attributes:

@@ -127,7 +127,7 @@ def _below(root: Path, settings: Settings) -> Path:
 
 
 @dataclass(frozen=True)
-class _WithRefused:
+class _WithRefused(Source):
     """A source, and what of its archive was refused."""
 
     source: Source

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from fauna.prepare.masks_given import ANY
 from fauna.prepare.record import Record, Rows
+from fauna.prepare.sources.base import Source
 from fauna.prepare.sources.naming import Naming
 from fauna.prepare.sources.walking import is_photo, subfolders, walk
 from fauna.reconstruct.mask_files import masks_beside
@@ -16,7 +17,7 @@ TRANSPARENT = frozenset({"train", "val", "valid", "validation", "test", "images"
 
 
 @dataclass(frozen=True)
-class FolderSource:
+class FolderSource(Source):
     """``SOURCE/<species>/.../photo.jpg``; masks lie beside (``photo_mask.png``) or in a folder ``masks``.
 
     Attributes:
@@ -65,7 +66,7 @@ class FolderSource:
 
 
 @dataclass(frozen=True)
-class PairedSource:
+class PairedSource(Source):
     """Photographs in one tree, their masks under the same names in another: Weizmann's horses, DAVIS, ``images`` and ``masks``.
 
     Attributes:

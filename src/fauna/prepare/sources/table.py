@@ -9,6 +9,7 @@ from pathlib import Path
 from fauna.errors import FaunaError
 from fauna.prepare.masks_given import ONE
 from fauna.prepare.record import Record, Rows
+from fauna.prepare.sources.base import Source
 from fauna.prepare.sources.naming import Naming
 
 COLUMNS = ("image", "species", "mask", "licence", "provenance", "group", "left", "top", "right", "bottom")
@@ -19,7 +20,7 @@ ALIASES = {
 
 
 @dataclass(frozen=True)
-class TableSource:
+class TableSource(Source):
     """Photographs that a CSV file names, relative to its folder.
 
     Memory holds a number for each photograph. Several animals of one photograph are lines that follow one another.

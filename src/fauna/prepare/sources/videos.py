@@ -11,6 +11,7 @@ from typing import Any
 from fauna.errors import FaunaError
 from fauna.prepare.record import Rows
 from fauna.prepare.shard import Shard
+from fauna.prepare.sources.base import Source
 from fauna.prepare.sources.folders import TRANSPARENT
 from fauna.prepare.sources.naming import Naming
 from fauna.prepare.sources.walking import walk
@@ -23,7 +24,7 @@ LIST = "frames.json"
 
 
 @dataclass(frozen=True)
-class VideoSource:
+class VideoSource(Source):
     """Video files in ``SOURCE/<species>/`` or in SOURCE, or one file.
 
     The frames of a video are unpacked when it is listed, and only for the shard that is asked for.
