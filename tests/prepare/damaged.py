@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from tests.reconstruct import bad_inputs as basic
-from tests.reconstruct.bad_inputs import BadInput, Draw, block, encoded, picture
+from tests.reconstruct.bad_inputs import BadInput, Draw, encoded, picture
 
 COUNT = 1000
 WIDTH, HEIGHT = 160, 120

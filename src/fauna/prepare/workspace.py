@@ -90,7 +90,7 @@ def write_file(path: Path, content: bytes) -> None:
 def text_of_path(path: Path) -> str:
     r"""A relative path as UTF-8 text: bytes that are no UTF-8 as ``%XX``, and ``%`` itself as ``%25``.
 
-    >>> text_of_path(Path(os.fsdecode(b"a\xff/50%.jpg")))
+    >>> text_of_path(Path("a\udcff/50%.jpg"))
     'a%FF/50%25.jpg'
     """
     text = path.as_posix().replace("%", "%25")
