@@ -29,7 +29,9 @@ class Detector:
 
         try:
             self.processor: Any = AutoProcessor.from_pretrained(weights)
-            self.network: Any = AutoModelForZeroShotObjectDetection.from_pretrained(weights).eval().requires_grad_(False)
+            self.network: Any = (
+                AutoModelForZeroShotObjectDetection.from_pretrained(weights).eval().requires_grad_(False)
+            )
         except (OSError, ValueError, KeyError, ImportError) as error:
             reason = " ".join(str(error).split())[:160]
             raise FaunaError(

@@ -63,7 +63,9 @@ class CropStep(Step):
         """Crop, mask and box of rows that are ok; keypoints where the source has some."""
         ends = ("rgb.jpg", "mask.png", "box.txt")
         files = [self.workspace.crop(row.id, end) for row in rows if row.ok for end in ends]
-        return files + [self.workspace.crop(row.id, "keypoints.json") for row in rows if row.ok and row.keypoints is not None]
+        return files + [
+            self.workspace.crop(row.id, "keypoints.json") for row in rows if row.ok and row.keypoints is not None
+        ]
 
     def _cropped(self, row: Record, photograph: Photograph, picture: Image.Image) -> Record:
         mask = read_mask(self.workspace.mask(row.id))
