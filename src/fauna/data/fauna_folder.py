@@ -77,7 +77,7 @@ def read_fauna_folder(
             f"data=fauna expects {root}/<category>/train/<name>_rgb.jpg (or .png) with <name>_mask.png, got no such file; "
             "check data.root, or use data=zoo, which needs no download"
         )
-    return {name: _expect_keypoints(photos, num_keypoints) for name, photos in categories.items()}
+    return {name: expect_keypoints(photos, num_keypoints) for name, photos in categories.items()}
 
 
 def read_keypoint_names(root: Path) -> tuple[str, ...] | None:
@@ -110,7 +110,8 @@ def read_keypoint_names(root: Path) -> tuple[str, ...] | None:
     return tuple(names)
 
 
-def _expect_keypoints(photos: CategoryPhotos, number: int | None) -> CategoryPhotos:
+def expect_keypoints(photos: CategoryPhotos, number: int | None) -> CategoryPhotos:
+    """The same photos, whose keypoint files must list ``number`` points; ``None`` = any number."""
     if number is None:
         return photos
     lists = {
