@@ -11,7 +11,7 @@ from fauna.prepare.steps import Step
 from fauna.prepare.workspace import Workspace, write_file
 
 QUICK = (
-    "features.encoder=null", "crop.size=32", "filter.min_extent=null", "filter.min_sharpness=null", "filter.max_truncation=null",
+    "features.encoder=tiny", "features.grid=8", "crop.size=32", "filter.min_extent=null", "filter.min_sharpness=null", "filter.max_truncation=null",
     "split.few_shot_val=2", "mask.segmenter=none",
 )  # fmt: skip
 """Settings for small pictures of noise."""
