@@ -71,7 +71,7 @@ def run_step(step: Step, photos: Iterable[Rows], workspace: Workspace, shard: Sh
 def unit_key(step: Step, rows: Rows) -> str:
     """Digest of everything that decides what a step makes of a photograph: the step's key, its rows, and the files' stamp."""
     text = "\n".join((step.key, step.stamp(rows), *(row.as_json() for row in rows)))
-    return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+    return hashlib.blake2b(text.encode("utf-8", "surrogateescape"), digest_size=8).hexdigest()
 
 
 def photos_of(table: Path) -> Iterator[Rows]:

@@ -102,8 +102,7 @@ def write_manifest(rows: Iterable[Record], dest: Path, count: int, rows_per_file
 
 def manifest_files(dest: Path) -> list[Path]:
     """The files of a set's manifest in order; none when there is no set."""
-    found = sorted(path for path in dest.iterdir() if MANIFEST.fullmatch(path.name)) if dest.is_dir() else []
-    return found
+    return sorted(path for path in dest.iterdir() if MANIFEST.fullmatch(path.name)) if dest.is_dir() else []
 
 
 def _first(stream: Iterator[Record], count: int) -> Iterator[Record]:
