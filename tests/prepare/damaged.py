@@ -2,23 +2,42 @@
 
 The makers of ``tests/reconstruct/bad_inputs.py`` and more: pictures that are odd but good (CMYK, 16 bits, palettes, transparency, turned by
 their notes), long thin ones, masks of other pictures, and names that are no UTF-8. Every maker takes its turn.
+
+``python -m tests.prepare.damaged`` prepares all of them and compares with the verdicts of ``damaged_verdicts.tsv``.
 """
 
+import argparse
+import csv
 import io
 import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import PIL
 from PIL import Image
 
+from fauna.prepare.place import manifest_files
+from fauna.prepare.reasons import REASONS
+from fauna.prepare.settings import Settings, prepare_settings
+from fauna.prepare.sources.detect import open_source
+from fauna.prepare.steps import build_step
+from fauna.prepare.tables import read_table
+from fauna.prepare.workspace import Workspace, text_of_path
 from tests.reconstruct import bad_inputs as basic
 from tests.reconstruct.bad_inputs import BadInput, Draw, encoded, picture
 
 COUNT = 1000
 WIDTH, HEIGHT = 160, 120
 ORIENTATION = 0x0112
+TABLE = Path(__file__).with_name("damaged_verdicts.tsv")
 
 
 @dataclass(frozen=True)
@@ -64,12 +83,13 @@ def good(name: str, draw: Draw) -> BadInput:
 
 
 def cmyk(name: str, draw: Draw) -> BadInput:
-    """Four inks, as JPEG or TIFF, or inverted as some programs write them."""
+    """Four inks, as JPEG or TIFF, or inverted as some programs write them: then too dark to show much."""
     inks = scene(draw).convert("CMYK")
     kind = ("JPEG", "TIFF")[int(draw.integers(2))]
-    if kind == "TIFF" and draw.integers(2):
+    inverted = kind == "TIFF" and bool(draw.integers(2))
+    if inverted:
         inks = Image.merge("CMYK", [band.point(lambda value: 255 - value) for band in inks.split()])
-    return BadInput(f"{name}.{basic.suffix(kind)}", encoded(inks, kind), upright_mask(draw), False)
+    return BadInput(f"{name}.{basic.suffix(kind)}", encoded(inks, kind), upright_mask(draw), None if inverted else False)
 
 
 def sixteen(name: str, draw: Draw) -> BadInput:
@@ -203,3 +223,103 @@ def put(folder: Path, files: Iterator[Damaged]) -> list[Damaged]:
             continue
         written.append(each)
     return written
+
+
+def verdicts(files: list[Damaged], folder: Path) -> dict[int, str]:
+    """What preparation says about each file that lies in ``folder/pile/animal``: ``used``, or its reasons joined by ``+``.
+
+    Each photograph goes through the steps alone, so that a verdict depends on its file only. No segmenter is asked.
+    """
+    settings, workspace = preparation(folder)
+    steps = [build_step(name, settings, workspace) for name in ("scan", "mask", "crop", "filter")]
+    listed = {rows[0].source: rows for rows in open_source(settings, workspace).photos()}
+    found = {}
+    for each in files:
+        rows = listed[text_of_path(Path("animal") / each.name)]
+        for step in steps:
+            rows = step(rows)
+        used = any(row.ok for row in rows)
+        found[each.number] = "used" if used else "+".join(sorted({word for row in rows for word in row.reasons}))
+    return found
+
+
+def preparation(folder: Path) -> tuple[Settings, Workspace]:
+    """Settings and folders of a run over ``folder/pile``."""
+    settings = prepare_settings(["mask.segmenter=none", "features.encoder=null"])
+    return settings, Workspace(folder / "pile", folder / "set", folder / "set.work")
+
+
+def read_verdicts() -> tuple[str, dict[int, str]]:
+    """The committed table: the version of Pillow it was made with, and the verdict by number."""
+    with TABLE.open(encoding="utf-8", newline="") as handle:
+        version = handle.readline().removeprefix("# Pillow ").strip()
+        return version, {int(line["number"]): line["verdict"] for line in csv.DictReader(handle, delimiter="\t")}
+
+
+def complaints(files: list[Damaged], found: dict[int, str]) -> list[str]:
+    """Verdicts that are not those of the table, and files that were used or skipped although they may not be.
+
+    Damaged files are decoded by libraries that differ between versions of Pillow: the table holds for the version it names, and for
+    another only what is certain does.
+    """
+    version, table = read_verdicts()
+    told = []
+    for each in files:
+        verdict = found[each.number]
+        if each.usable is not None and each.usable != (verdict == "used"):
+            told.append(f"{each.number} {each.kind}: expected {'use' if each.usable else 'a reason'}, got {verdict}")
+        if any(word.split(":")[-1] not in REASONS for word in verdict.split("+")) and verdict != "used":
+            told.append(f"{each.number} {each.kind}: {verdict} is no reason")
+        if version == PIL.__version__ and table[each.number] != verdict:
+            told.append(f"{each.number} {each.kind}: expected {table[each.number]}, got {verdict}")
+    return told
+
+
+def main() -> None:
+    """Prepare all files twice, by the steps and by the command; print what was found, complaints and the largest memory."""
+    parser = argparse.ArgumentParser(description="fauna-prepare over damaged and odd files.")
+    parser.add_argument("--count", type=int, default=COUNT)
+    parser.add_argument("--write", action="store_true", help="write the table of verdicts anew")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as root:
+        folder = Path(root)
+        files = put(folder / "pile" / "animal", damaged(range(given.count)))
+        found = verdicts(files, folder)
+        shutil.rmtree(folder / "set.work")
+        again = verdicts(files, folder)
+        shutil.rmtree(folder / "set.work")
+        if given.write:
+            lines = [f"{each.number}\t{each.kind}\t{found[each.number]}\n" for each in files]
+            TABLE.write_text(f"# Pillow {PIL.__version__}\nnumber\tkind\tverdict\n" + "".join(lines), encoding="utf-8")
+        told = complaints(files, found)
+        told += [
+            f"{number}: {found[number]} first, {again[number]} again"
+            for number in found
+            if found[number] != again[number]
+        ]
+        code, said = run_command(folder)
+        rows = [row for file in manifest_files(folder / "set") for row in read_table(file)]
+    told += [said] if "Traceback" in said or code else []
+    told += (
+        [] if {row.source for row in rows} == {text_of_path(Path("animal") / each.name) for each in files} else ["rows"]
+    )
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1 if sys.platform == "darwin" else 1024)
+    print(f"{len(files)} files, by the steps: {dict(Counter(found.values()).most_common())}")
+    print(
+        f"command: exit code {code}, {len(rows)} rows, {dict(Counter(row.status for row in rows))}; largest memory {peak:.0f} MiB"
+    )
+    print(*(told or ["no complaints"]), sep="\n")
+    sys.exit(1 if told or code else 0)
+
+
+def run_command(folder: Path) -> tuple[int, str]:
+    """Exit code and output of ``fauna-prepare all`` over the pile, in a process of its own."""
+    words = [str(folder / "pile"), str(folder / "set"), "mask.segmenter=none", "features.encoder=null"]
+    done = subprocess.run(
+        [sys.executable, "-m", "fauna.prepare.command", "all", *words], capture_output=True, text=True, errors="replace"
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+if __name__ == "__main__":
+    main()

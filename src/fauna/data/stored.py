@@ -3,7 +3,6 @@
 import io
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
 from fauna.errors import FaunaError
 
@@ -54,6 +53,6 @@ StoredFile = Path | Member
 """What a crop's files may be."""
 
 
-def readable(file: StoredFile) -> Path | IO[bytes]:
+def readable(file: StoredFile) -> Path | io.BytesIO:
     """What Pillow opens."""
     return io.BytesIO(file.read_bytes()) if isinstance(file, Member) else file

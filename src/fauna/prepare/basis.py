@@ -25,6 +25,7 @@ from fauna.prepare.workspace import Workspace, write_file
 from fauna.types import Features
 
 FILE = "basis.safetensors"
+FACTS = "fitted_on"
 TARGET_SIGMAS = 5.0
 """Width of the range [0, 1] in deviations of the first component, as in ``conf/feature_space``."""
 FOREGROUND = 0.7
@@ -66,7 +67,9 @@ def fit_basis(tables: Sequence[Path], settings: Settings, workspace: Workspace) 
     with one_thread():
         space.fit(_samples(chosen, encoder, workspace))
     tensors = {name: value.contiguous() for name, value in space.state_dict().items()}
-    write_file(path, save(tensors, metadata=facts))
+    write_file(
+        path, save(tensors, metadata={FACTS: json.dumps(facts, sort_keys=True)})
+    )  # one entry: they have no order
     from fauna.prepare.feature_pictures import draw_maps, draw_variance
 
     variance = [float(value) for value in space.explained_variance]
@@ -125,7 +128,7 @@ def stored_facts(path: Path) -> dict[str, str] | None:
     """What a basis was fitted on, ``None`` without an intact file."""
     try:
         with safe_open(path, "pt") as file:
-            return file.metadata()
+            return json.loads(file.metadata()[FACTS])
     except Exception:  # of a missing or damaged file: safetensors has an error of its own
         return None
 

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Bool
 from PIL import Image
 
-from fauna.data.photo_files import file_stamp
 from fauna.data.readers.crop import widen_box
 from fauna.masks.animals import split_animals
 from fauna.masks.base import Segmenter
-from fauna.prepare.masks_given import given_file, holds_one, read_given
+from fauna.masks.boxes import overlap
+from fauna.prepare.masks_given import given_file, has_parts, holds_one, read_given
 from fauna.prepare.pictures import open_photograph
 from fauna.prepare.record import Box, Record, Rows, row_id
 from fauna.prepare.settings import Settings, digest
@@ -121,8 +121,17 @@ class MaskStep(Step):
 
     def stamp(self, rows: Rows) -> str:
         """Sizes and times of the given masks' files."""
-        found = (given_file(row.given_mask, self.workspace) for row in rows if row.given_mask is not None)
-        return "|".join(file_stamp(path) for path in found if path is not None)
+        return "|".join(self._stamp(row.given_mask) for row in rows if row.given_mask is not None)
+
+    def _stamp(self, text: str) -> str:
+        path = given_file(text, self.workspace)
+        if path is None:
+            return ""
+        try:
+            found = path.stat()
+        except OSError:
+            return "absent"
+        return f"{found.st_size}:{found.st_mtime_ns}"
 
     def outputs(self, rows: Rows) -> list[Path]:
         """The masks of rows that are ok."""
@@ -138,7 +147,7 @@ class MaskStep(Step):
         row = row.with_notes(*found.notes)
         if len(found.animals) > 1:
             row = row.with_notes("several_animals")
-        rows = [self._kept(row, found.animals[0], photograph, found.source)]
+        rows = [self._on_box(row, self._kept(row, found.animals[0], photograph, found.source))]
         for place, animal in enumerate(found.animals[1 : MOST_ROWS - free + 1]):
             instance = free + place
             other = replace(row, id=row_id(row.photo, instance), instance=instance, box=None, keypoints=None)
@@ -146,6 +155,18 @@ class MaskStep(Step):
                 other = other.rejected(self.name, "more_animals")
             rows.append(self._kept(other, animal, photograph, found.source) if other.ok else other)
         return rows
+
+    def _on_box(self, row: Record, masked: Record) -> Record:
+        """Rejected when the segmenter was shown an annotated box and found something else in it."""
+        if "mask_from_box" not in masked.notes or row.box is None:
+            return masked
+        mask = read_mask(self.workspace.mask(row.id))
+        found = mask_box(mask, (masked.width or mask.shape[1]) / mask.shape[1])
+        return (
+            masked.rejected(self.name, "off_box")
+            if overlap(found, row.box) < self.settings.mask.min_box_iou
+            else masked
+        )
 
     def _kept(self, row: Record, mask: Mask, photograph: Photograph, source: str) -> Record:
         write_file(self.workspace.mask(row.id), encode_mask(mask))
@@ -157,7 +178,8 @@ class MaskStep(Step):
         masks, source, notes = self._masks(row, photograph)
         masks = [mask for mask in masks if mask.any()]
         one = row.given_mask is not None and holds_one(row.given_mask)
-        animals = masks if one else [animal for mask in masks for animal in self._split(mask)]
+        whole = row.given_mask is not None and not has_parts(row.given_mask)
+        animals = masks if whole else [animal for mask in masks for animal in self._split(mask)]
         if not animals:
             raise Refused("no_animal", f"{row.id}: expected an animal, got an empty mask; give a mask of the animal")
         if row.box is not None or one:

@@ -1,6 +1,7 @@
 """Annotated masks as one line of text in a row, and back to pixels of the photograph at working size.
 
-``file:PATH`` is a picture of one animal; ``labels:PATH`` a picture of any number of them (a colour each, or parts that do not touch);
+``file:PATH`` is a picture of one animal; ``objects:PATH`` a picture with a colour for each animal, whatever stands before it;
+``labels:PATH`` a picture of any number of animals (a colour each, or parts that do not touch);
 ``rle:{...}`` and ``polygons:[...]`` are COCO's. Paths are texts of :meth:`fauna.prepare.workspace.Workspace.photo`.
 """
 
@@ -19,7 +20,7 @@ from fauna.reconstruct.pixels import oriented
 from fauna.reconstruct.settings import MaskSettings
 from fauna.reconstruct.status import Refused
 
-ONE, ANY = "file", "labels"
+ONE, OBJECTS, ANY = "file", "objects", "labels"
 
 
 def text_of_mask(mask: Rle | Polygons) -> str:
@@ -35,14 +36,19 @@ def text_of_mask(mask: Rle | Polygons) -> str:
 
 
 def holds_one(text: str) -> bool:
-    """Whether the mask is of one animal, however many parts it has."""
-    return not text.startswith(f"{ANY}:")
+    """Whether the mask is of one animal, however many parts and colours it has."""
+    return not text.startswith((f"{ANY}:", f"{OBJECTS}:"))
+
+
+def has_parts(text: str) -> bool:
+    """Whether parts of the mask that do not touch may be different animals."""
+    return text.startswith(f"{ANY}:")
 
 
 def given_file(text: str, workspace: Workspace) -> Path | None:
     """The picture file of a mask, ``None`` for masks that annotations hold."""
     kind, _, rest = text.partition(":")
-    return workspace.photo(rest) if kind in (ONE, ANY) else None
+    return workspace.photo(rest) if kind in (ONE, OBJECTS, ANY) else None
 
 
 def read_given(text: str, photograph: Photograph, workspace: Workspace, limits: MaskSettings) -> FoundMasks:

@@ -31,6 +31,7 @@ REASONS: dict[str, Reason] = {
     "near_duplicate": Reason("scan", "nearly the same picture again", True),
     "bad_mask": Reason("mask", "the given mask is no picture, or none of this photograph"),
     "no_mask": Reason("mask", "no mask was given, and mask.segmenter=none"),
+    "off_box": Reason("mask", "what the segmenter found in the annotated box is much smaller or elsewhere", True),
     "no_animal": Reason("mask", "the mask is empty, or nothing stands out from the background"),
     "more_animals": Reason("mask", "there are more animals than the limit, and this is one of the smaller ones", True),
     "small_animal": Reason("filter", "the animal has too few pixels in the photograph", True),

@@ -56,6 +56,7 @@ class MaskSettings:
     max_animals: int
     max_pixels: int
     box_margin: float
+    min_box_iou: float
     alpha_shares: tuple[float, float]
     alpha_decided: float
 

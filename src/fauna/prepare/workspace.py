@@ -30,7 +30,12 @@ class Workspace:
         """A file below SOURCE by its text in the manifest; ``work:...`` are files that a source unpacked (frames, archives)."""
         if source.startswith("work:"):
             return self.work / path_of_text(source.removeprefix("work:"))
-        return self.source / path_of_text(source)
+        return self.root / path_of_text(source)
+
+    @property
+    def root(self) -> Path:
+        """The folder that texts of paths start from: SOURCE, or the folder of the file that it is."""
+        return self.source.parent if self.source.is_file() else self.source
 
     def table(self, stage: str, shard: Shard) -> Path:
         """Parquet of all rows of a shard after a stage."""

@@ -117,9 +117,12 @@ def _images_folder(file: Path, content: object, form: str, base: Path, given: st
     if given is not None:
         return base / given
     names = [forward_slashes(name) for name in islice(_image_names(content, form), TRIED)]
-    candidates = dict.fromkeys([file.parent, base, *subfolders(file.parent), *subfolders(base)])
-    for folder in list(candidates):
-        candidates.update(dict.fromkeys(subfolders(folder)))
+    candidates: dict[Path, None] = {}
+    for folder in (file.parent, *file.parent.parents):  # the nearest first
+        candidates.update(dict.fromkeys([folder, *subfolders(folder)]))
+        candidates.update(dict.fromkeys(inner for each in subfolders(folder) for inner in subfolders(each)))
+        if folder == base:
+            break
     return max(candidates, key=lambda folder: sum(find_image(folder, name) is not None for name in names))
 
 

@@ -13,7 +13,7 @@ from fauna.prepare.sources.archives import is_archive, unpack
 from fauna.prepare.sources.base import Source
 from fauna.prepare.sources.folders import FolderSource, PairedSource, find_pairs, is_awa2, is_sequences
 from fauna.prepare.sources.naming import PROVENANCE, Naming, dataset_name
-from fauna.prepare.sources.table import TableSource
+from fauna.prepare.sources.table import TableSource, column
 from fauna.prepare.sources.videos import VideoSource, is_video
 from fauna.prepare.sources.walking import is_photo, subfolders, walk
 from fauna.prepare.workspace import Workspace
@@ -45,12 +45,12 @@ def open_source(settings: Settings, workspace: Workspace) -> Source:
 
 
 def _open(root: Path, settings: Settings, naming: Naming) -> Source:
-    """The first kind that fits ``root``; containers with a single folder in them are opened first."""
+    """The first kind that fits ``root``, or the only folder in it, as archives have one."""
     kind = settings.source.kind
-    while root.is_dir() and kind == "auto" and _is_container(root):
-        root = subfolders(root)[0]
-    tried = (open_annotations, _table, _trees, _videos, _folders)
-    found = next((source for each in tried if (source := each(root, kind, settings, naming)) is not None), None)
+    tried = [(each, folder) for folder in _nested(root) for each in (open_annotations, _table, _trees)]
+    tried += [(_videos, root), (_folders, root)]
+    opened = (source for each, folder in tried if (source := each(folder, kind, settings, naming)) is not None)
+    found = next(opened, None)
     if found is None:
         raise FaunaError(
             f"{root}: expected photographs in folders per species, a CSV or COCO file, or videos"
@@ -74,10 +74,9 @@ def _table(root: Path, kind: str, settings: Settings, naming: Naming) -> Source 
 def _names_images(file: Path) -> bool:
     try:
         with file.open(encoding="utf-8-sig") as handle:
-            header = [name.strip().strip('"').lower() for name in handle.readline(10_000).split(",")]
+            return {"image", "species"} <= {column(name) for name in handle.readline(10_000).split(",")}
     except (OSError, UnicodeDecodeError):
         return False
-    return "image" in header or ("file" in header and "species" in header)
 
 
 def _trees(root: Path, kind: str, settings: Settings, naming: Naming) -> Source | None:
@@ -113,13 +112,12 @@ def _folders(root: Path, kind: str, settings: Settings, naming: Naming) -> Sourc
     return FolderSource(root, naming) if found else None
 
 
-def _is_container(root: Path) -> bool:
-    """A folder that holds one folder and nothing else, as archives do, whose name tells no species."""
-    folders = subfolders(root)
-    files = (
-        any(path.is_file() and not path.name.startswith(".") for path in root.iterdir()) if len(folders) == 1 else True
-    )
-    return not files and any(path.is_dir() for path in folders[0].iterdir())
+def _nested(root: Path) -> Iterator[Path]:
+    """The root, and the folder in it as long as there is but one."""
+    yield root
+    while root.is_dir() and len(folders := subfolders(root)) == 1:
+        root = folders[0]
+        yield root
 
 
 def _below(root: Path, settings: Settings) -> Path:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fauna.prepare.masks_given import ANY
+from fauna.prepare.masks_given import ANY, OBJECTS
 from fauna.prepare.record import Record, Rows
 from fauna.prepare.sources.base import Source
 from fauna.prepare.sources.naming import Naming
@@ -97,7 +97,8 @@ class PairedSource(Source):
         relative = path.relative_to(self.images)
         mask = next(filter(Path.is_file, _mask_names(self.masks / relative)), None)
         species = next((part for part in relative.parts[:-1] if part.lower() not in TRANSPARENT), None)
-        given = None if mask is None else f"{ANY}:{self.naming.text(mask)}"
+        holds = OBJECTS if self.kind == "davis" else ANY
+        given = None if mask is None else f"{holds}:{self.naming.text(mask)}"
         more: dict[str, Any] = _frame(path, self.naming) if self.sequences and len(relative.parts) > 1 else {}
         return self.naming.row(path, species, given_mask=given, **more)
 

@@ -53,9 +53,7 @@ class Naming:
         """A path below SOURCE, or below WORK with ``work:`` in front."""
         if path.is_relative_to(self.workspace.work):
             return "work:" + text_of_path(path.relative_to(self.workspace.work))
-        if path == self.workspace.source:  # a single file
-            return ""
-        return text_of_path(path.relative_to(self.workspace.source))
+        return text_of_path(path.relative_to(self.workspace.root))
 
     def named(self, species: str | None) -> str:
         """Folder name of a species, renamed as the settings say."""

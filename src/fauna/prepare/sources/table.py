@@ -53,7 +53,7 @@ class TableSource(Source):
                 )
             seen.add(mark)
             path = self.images / image
-            if not image or not path.is_file() or not _below(path, self.naming.workspace.source):
+            if not image or not path.is_file() or not _below(path, self.naming.workspace.root):
                 name = f"{self.file.name} line {numbered[0][0]}"
                 word = "missing" if image else "annotation"
                 yield (self.naming.unusable(name, f"{image or 'no photograph'} is missing", word),)
@@ -63,7 +63,7 @@ class TableSource(Source):
     def _row(self, path: Path, index: int, number: int, values: Mapping[str, str]) -> Record:
         mask = values.get("mask")
         box = self._box(number, values)
-        if mask and not _below(self.images / mask, self.naming.workspace.source):
+        if mask and not _below(self.images / mask, self.naming.workspace.root):
             name = f"{self.file.name} line {number}"
             return self.naming.unusable(name, f"mask {mask} is outside of the source", "annotation")
         return self.naming.row(
@@ -95,7 +95,7 @@ class TableSource(Source):
         try:
             with self.file.open(encoding="utf-8-sig", newline="") as handle:
                 reader = csv.DictReader(handle)
-                names = {name: _column(name) for name in reader.fieldnames or () if name}
+                names = {name: column(name) for name in reader.fieldnames or () if name}
                 if "image" not in names.values():
                     raise FaunaError(
                         f"{self.file} expects a header with image (and species, mask, licence, ...), got "
@@ -108,8 +108,13 @@ class TableSource(Source):
             raise FaunaError(f"{self.file} expects a CSV file in UTF-8, got {error}; save it so") from error
 
 
-def _column(name: str) -> str:
-    plain = name.strip().lower()
+def column(name: str) -> str:
+    """What a column holds, by its name in the header.
+
+    >>> column(' "Filename"')
+    'image'
+    """
+    plain = name.strip().strip('"').lower()
     return ALIASES.get(plain, plain)
 
 

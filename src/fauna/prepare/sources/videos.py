@@ -45,7 +45,7 @@ class VideoSource(Source):
         """Frames in the order of time, video by video."""
         av = _pyav()
         for path in self._files():
-            group = self.naming.text(path) or path.name
+            group = self.naming.text(path)
             if self.shard is not None and group not in self.shard:
                 continue
             folder = self.naming.workspace.unpacked / "frames" / _folder_name(group)
