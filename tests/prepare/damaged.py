@@ -89,7 +89,9 @@ def cmyk(name: str, draw: Draw) -> BadInput:
     inverted = kind == "TIFF" and bool(draw.integers(2))
     if inverted:
         inks = Image.merge("CMYK", [band.point(lambda value: 255 - value) for band in inks.split()])
-    return BadInput(f"{name}.{basic.suffix(kind)}", encoded(inks, kind), upright_mask(draw), None if inverted else False)
+    return BadInput(
+        f"{name}.{basic.suffix(kind)}", encoded(inks, kind), upright_mask(draw), None if inverted else False
+    )
 
 
 def sixteen(name: str, draw: Draw) -> BadInput:
