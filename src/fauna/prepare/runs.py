@@ -123,7 +123,7 @@ def finish(workspace: Workspace, settings: Settings) -> None:
     counts = _reasons(pipeline.tables("split"))
     _expect_some(counts, workspace)
     with progress("place") as tick:
-        placed = place(lambda: pipeline.merged("split"), split.joint, workspace, tick)
+        placed = place(lambda: pipeline.rows("split"), split.joint, workspace, tick)
     names = pipeline.keypoint_names()
     if names is not None:
         write_file(workspace.dest / KEYPOINT_NAMES, f"{_json(names)}\n".encode())
