@@ -89,7 +89,9 @@ def cmyk(name: str, draw: Draw) -> BadInput:
     inverted = kind == "TIFF" and bool(draw.integers(2))
     if inverted:
         inks = Image.merge("CMYK", [band.point(lambda value: 255 - value) for band in inks.split()])
-    return BadInput(f"{name}.{basic.suffix(kind)}", encoded(inks, kind), upright_mask(draw), None if inverted else False)
+    return BadInput(
+        f"{name}.{basic.suffix(kind)}", encoded(inks, kind), upright_mask(draw), None if inverted else False
+    )
 
 
 def sixteen(name: str, draw: Draw) -> BadInput:
@@ -193,6 +195,11 @@ MORE: dict[str, Callable[[str, Draw], BadInput]] = {
 }  # fmt: skip
 MAKERS: dict[str, Callable[[str, Draw], BadInput]] = {**basic.MAKERS, **MORE}
 
+REMASKED = frozenset(
+    {"truncated", "flipped", "flipped-head", "suffix", "chunk-bomb", "animated", "odd-pixels", "odd-notes"}
+)
+"""Basic makers whose pictures get a mask, so that they are used if they can be read."""
+
 
 def damaged(numbers: range = range(COUNT)) -> Iterator[Damaged]:
     """The files of these numbers."""
@@ -200,12 +207,13 @@ def damaged(numbers: range = range(COUNT)) -> Iterator[Damaged]:
     for number in numbers:
         kind, maker = makers[number % len(makers)]
         made = maker(f"{number:04d}-{kind}", np.random.default_rng([2024, number]))
-        yield Damaged(number, kind, made.name, made.content, made.mask, _usable(made, kind))
+        mask = made.mask if kind not in REMASKED else upright_mask(np.random.default_rng([2025, number]))
+        yield Damaged(number, kind, made.name, made.content, mask, _usable(made, kind))
 
 
 def _usable(made: BadInput, kind: str) -> bool | None:
-    """What a reconstruction takes may be filtered from a training set, so of the basic makers only refusals are certain."""
-    if kind in MORE:
+    """What a reconstruction takes may be filtered from a training set, so of most basic makers only refusals are certain."""
+    if kind in MORE or kind == "suffix":
         return None if made.refused is None else not made.refused
     return False if made.refused else None
 
