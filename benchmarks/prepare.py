@@ -81,7 +81,7 @@ def stages(count: int, encoder: str | None, grabcut: bool) -> list[dict[str, Any
 def _finish(pipeline: Pipeline, settings: Settings, workspace: Workspace, count: int) -> list[dict[str, Any]]:
     start = time.perf_counter()
     split = pipeline.split()
-    place(lambda: pipeline.merged("split"), split.joint, workspace, lambda: None)
+    place(lambda: pipeline.rows("split"), split.joint, workspace, lambda: None)
     seconds = time.perf_counter() - start
     size = sum(path.stat().st_size for path in workspace.dest.rglob("*") if path.is_file())
     found = [_row("split and place", count, seconds, size / count)]

@@ -10,6 +10,7 @@ import pytest
 
 from fauna.data.fauna_folder import read_fauna_folder
 from fauna.errors import FaunaError
+from fauna.prepare import pipeline
 from fauna.prepare.check import audit_set
 from fauna.prepare.runs import prepare
 from fauna.prepare.settings import prepare_settings
@@ -68,7 +69,8 @@ def test_without_the_work_folder_the_same_set_comes_out(pile, whole, tmp_path):
     assert {path: path.stat().st_mtime_ns for path in dest.rglob("*") if path.is_file()} == before
 
 
-def test_shards_in_any_order_give_the_same_set(pile, whole, tmp_path):
+def test_shards_in_any_order_give_the_same_set(pile, whole, tmp_path, monkeypatch):
+    monkeypatch.setattr(pipeline, "MOST_OPEN", 2)  # three tables are merged in two rounds
     dest = tmp_path / "set"
     for step in STEPS:
         for index in (2, 0, 1):

@@ -23,7 +23,7 @@ from fauna.prepare.shard import Shard, parse_shard
 from fauna.prepare.sources.base import Source
 from fauna.prepare.split import Members, Split, assigned, choose_split
 from fauna.prepare.steps import build_step
-from fauna.prepare.tables import read_columns, read_table, write_table
+from fauna.prepare.tables import ROWS_AT_ONCE, read_columns, read_table, write_table
 from fauna.prepare.workspace import Workspace, write_file
 from fauna.threads import set_threads
 
@@ -32,6 +32,9 @@ BEFORE = {"duplicates": "scan", "mask": "duplicates", "crop": "mask", "filter": 
 
 COMMAND_OF = {"duplicates": "scan", "basis": "features"}
 """The command that makes the tables of a stage, where it has another name."""
+
+MOST_OPEN = 128
+"""Tables that are read side by side."""
 
 KEYPOINT_NAMES = "keypoint_names.json"
 
@@ -145,9 +148,25 @@ class Pipeline:
             write_table(new, assigned(read_table(table), split, back_views))
         return split
 
+    def rows(self, stage: str) -> Iterator[Record]:
+        """The rows of all shards, one shard after the other."""
+        for table in self.tables(stage):
+            yield from read_table(table)
+
     def merged(self, stage: str) -> Iterator[Record]:
-        """The rows of all shards, by photo and instance, whatever the number of shards."""
-        return heapq.merge(*(read_table(table) for table in self.tables(stage)), key=_order)
+        """The rows of all shards, by photo and instance, whatever the number of shards.
+
+        Many shards are first merged to fewer tables, because every open table is a file and a row group in memory.
+        """
+        tables, level = self.tables(stage), 0
+        while len(tables) > MOST_OPEN:
+            folder = self.workspace.work / "tables" / f"{stage}-merged-{level}"
+            groups = [tables[start : start + MOST_OPEN] for start in range(0, len(tables), MOST_OPEN)]
+            tables = [folder / f"{number:05d}.parquet" for number in range(len(groups))]
+            for group, table in zip(groups, tables, strict=True):
+                write_table(table, _side_by_side(group))
+            level += 1
+        return _side_by_side(tables)
 
     def keypoint_names(self) -> tuple[str, ...] | None:
         """Of the source, as the scan found them."""
@@ -189,6 +208,11 @@ class Pipeline:
             yield needed
             if needed:
                 write_file(done, made.encode())
+
+
+def _side_by_side(tables: Sequence[Path]) -> Iterator[Record]:
+    at_once = max(ROWS_AT_ONCE // len(tables), 16)
+    return heapq.merge(*(read_table(table, at_once) for table in tables), key=_order)
 
 
 def _order(row: Record) -> tuple[str, int]:

@@ -100,10 +100,10 @@ def run_image_step(name: str, pipeline: Pipeline) -> None:
         pipeline.duplicates()
         stage = "duplicates"
     each = f", {1000 * seconds / worked:.1f} ms each" if worked else ""
-    print(
-        f"{name:<9} {photos:>9,} photographs, {worked:,} worked on{each}; {_account(pipeline, stage, shards)}",
-        flush=True,
-    )
+    counts = _reasons([pipeline.workspace.table(stage, shard) for shard in shards])
+    print(f"{name:<9} {photos:>9,} photographs, {worked:,} worked on{each}; {_account(counts)}", flush=True)
+    if pipeline.settings.shard is None:
+        _expect_some(counts, pipeline.workspace)
     if name == "filter" and pipeline.settings.shard is None:
         from fauna.prepare.sheets import write_sheets
 
@@ -121,13 +121,9 @@ def finish(workspace: Workspace, settings: Settings) -> None:
     pipeline = Pipeline(settings, workspace)
     split = pipeline.split()
     counts = _reasons(pipeline.tables("split"))
-    if not counts["ok"]:
-        told = ", ".join(f"{word} {number:,}" for word, number in counts.most_common()) or "it is empty"
-        raise FaunaError(
-            f"{workspace.source}: expected at least one animal that can be used, got none ({told}); see {workspace.work}"
-        )
+    _expect_some(counts, workspace)
     with progress("place") as tick:
-        placed = place(lambda: pipeline.merged("split"), split.joint, workspace, tick)
+        placed = place(lambda: pipeline.rows("split"), split.joint, workspace, tick)
     names = pipeline.keypoint_names()
     if names is not None:
         write_file(workspace.dest / KEYPOINT_NAMES, f"{_json(names)}\n".encode())
@@ -141,10 +137,17 @@ def finish(workspace: Workspace, settings: Settings) -> None:
     )
 
 
-def _account(pipeline: Pipeline, stage: str, shards: Sequence) -> str:
-    counts = _reasons([pipeline.workspace.table(stage, shard) for shard in shards])
+def _account(counts: Counter[str]) -> str:
     rejected = [f"{word} {number:,}" for word, number in counts.most_common() if word != "ok"]
     return f"{counts['ok']:,} animals go on" + (f"; left out: {', '.join(rejected)}" if rejected else "")
+
+
+def _expect_some(counts: Counter[str], workspace: Workspace) -> None:
+    if not counts["ok"]:
+        told = ", ".join(f"{word} {number:,}" for word, number in counts.most_common()) or "it is empty"
+        raise FaunaError(
+            f"{workspace.source}: expected at least one animal that can be used, got none ({told}); see {workspace.work}"
+        )
 
 
 def _reasons(tables: Sequence[Path]) -> Counter[str]:

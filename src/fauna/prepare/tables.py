@@ -69,18 +69,18 @@ def write_table(path: Path, rows: Iterable[Record]) -> int:
     return number
 
 
-def read_table(path: Path, columns: list[str] | None = None) -> Iterator[Record]:
-    """Rows of a table in their order, a row group at a time.
+def read_table(path: Path, at_once: int = ROWS_AT_ONCE) -> Iterator[Record]:
+    """Rows of a table in their order, a few at a time.
 
     Args:
         path: Parquet file.
-        columns: that are read; the others have their defaults. Must hold those without one. ``None`` = all.
+        at_once: rows that are held as plain values; fewer where many tables are read side by side.
 
     Raises:
         FaunaError: when it is missing, damaged, or of another version.
     """
     with _opened(path) as file:
-        for batch in file.iter_batches(batch_size=ROWS_AT_ONCE, columns=columns):
+        for batch in file.iter_batches(batch_size=at_once):
             for values in batch.to_pylist():
                 yield Record.from_values(values)
 
