@@ -195,6 +195,11 @@ MORE: dict[str, Callable[[str, Draw], BadInput]] = {
 }  # fmt: skip
 MAKERS: dict[str, Callable[[str, Draw], BadInput]] = {**basic.MAKERS, **MORE}
 
+REMASKED = frozenset(
+    {"truncated", "flipped", "flipped-head", "suffix", "chunk-bomb", "animated", "odd-pixels", "odd-notes"}
+)
+"""Basic makers whose pictures get a mask, so that they are used if they can be read."""
+
 
 def damaged(numbers: range = range(COUNT)) -> Iterator[Damaged]:
     """The files of these numbers."""
@@ -202,12 +207,13 @@ def damaged(numbers: range = range(COUNT)) -> Iterator[Damaged]:
     for number in numbers:
         kind, maker = makers[number % len(makers)]
         made = maker(f"{number:04d}-{kind}", np.random.default_rng([2024, number]))
-        yield Damaged(number, kind, made.name, made.content, made.mask, _usable(made, kind))
+        mask = made.mask if kind not in REMASKED else upright_mask(np.random.default_rng([2025, number]))
+        yield Damaged(number, kind, made.name, made.content, mask, _usable(made, kind))
 
 
 def _usable(made: BadInput, kind: str) -> bool | None:
-    """What a reconstruction takes may be filtered from a training set, so of the basic makers only refusals are certain."""
-    if kind in MORE:
+    """What a reconstruction takes may be filtered from a training set, so of most basic makers only refusals are certain."""
+    if kind in MORE or kind == "suffix":
         return None if made.refused is None else not made.refused
     return False if made.refused else None
 
