@@ -2,12 +2,12 @@
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from fauna.data.stored import StoredFile
 from fauna.errors import FaunaError
 
 MIN_FIELDS = 7  # frame x0 y0 w h photo_w photo_h; an eighth, sharpness, is not used
@@ -34,7 +34,7 @@ class CropBox:
     photo_height: float | int
 
 
-def read_box(path: Path) -> CropBox:
+def read_box(path: StoredFile) -> CropBox:
     """Read a ``box.txt``: one line ``frame x0 y0 w h photo_w photo_h [sharpness]``, separated by white space.
 
     Raises:

@@ -1,6 +1,6 @@
 """The ``data=fauna`` reader: crops stored as files, in a flat layout or in that of the published Fauna dataset.
 
-Flat: ``root/<category>/{train,val,test}/<stem>_rgb.jpg`` with ``_mask.png`` and, optionally, ``_box.txt``, ``_keypoints.json`` and
+Flat: ``root/<category>/{train,val,test,back}/<stem>_rgb.jpg`` (``back``: back views, for training) with ``_mask.png`` and, optionally, ``_box.txt``, ``_keypoints.json`` and
 ``_feat16.png``. Published: ``root/{large_scale,few_shot_web,few_shot_animal3d,few_shot_web_back}/<category>/...`` with the same files;
 ``large_scale`` has one folder per video below each split. ``root/keypoint_names.json`` names the keypoints, where there are any.
 """
@@ -20,6 +20,7 @@ IMAGE_NAME = re.compile(r"^(?:(?P<stem>.*)_)?rgb\.(?:png|jpg|jpeg)$", re.IGNOREC
 LARGE_SCALE = "large_scale"
 FEW_SHOT = ("few_shot_web", "few_shot_animal3d")
 BACK_VIEWS = "few_shot_web_back"
+BACK = "back"
 KEYPOINT_NAMES = "keypoint_names.json"
 
 
@@ -76,7 +77,7 @@ def read_fauna_folder(
             f"data=fauna expects {root}/<category>/train/<name>_rgb.jpg (or .png) with <name>_mask.png, got no such file; "
             "check data.root, or use data=zoo, which needs no download"
         )
-    return {name: _expect_keypoints(photos, num_keypoints) for name, photos in categories.items()}
+    return {name: expect_keypoints(photos, num_keypoints) for name, photos in categories.items()}
 
 
 def read_keypoint_names(root: Path) -> tuple[str, ...] | None:
@@ -109,7 +110,8 @@ def read_keypoint_names(root: Path) -> tuple[str, ...] | None:
     return tuple(names)
 
 
-def _expect_keypoints(photos: CategoryPhotos, number: int | None) -> CategoryPhotos:
+def expect_keypoints(photos: CategoryPhotos, number: int | None) -> CategoryPhotos:
+    """The same photos, whose keypoint files must list ``number`` points; ``None`` = any number."""
     if number is None:
         return photos
     lists = {
@@ -122,7 +124,11 @@ def _expect_keypoints(photos: CategoryPhotos, number: int | None) -> CategoryPho
 
 
 def _read_flat(root: Path, pattern: re.Pattern[str]) -> dict[str, CategoryPhotos]:
-    return {folder.name: _read_category(folder, folder.name, pattern) for folder in _subfolders(root)}
+    found = {}
+    for folder in _subfolders(root):
+        photos = _read_category(folder, folder.name, pattern)
+        found[folder.name] = replace(photos, back_views=tuple(_read_photos(folder, BACK, folder.name, pattern)))
+    return found
 
 
 def _read_published(root: Path, pattern: re.Pattern[str]) -> dict[str, CategoryPhotos]:

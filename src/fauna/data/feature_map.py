@@ -3,7 +3,6 @@
 Channel ``c`` is colour ``c mod 3`` of tile ``c // 3``; unused colours of the last tile are padding.
 """
 
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -12,6 +11,7 @@ from jaxtyping import Float, UInt8
 from PIL import Image
 from torch import Tensor
 
+from fauna.data.stored import StoredFile, readable
 from fauna.errors import FaunaError
 
 Codec = Literal["unit", "signed"]
@@ -44,21 +44,26 @@ def decode_feature_map(
 
 def encode_feature_map(features: Float[Tensor, "chan height width"]) -> UInt8[np.ndarray, "height wide 3"]:
     """Encode vectors in [-1, 1] as ``round((f + 1) * 127)``, zero-padded to whole tiles."""
-    chan, height, width = features.shape
+    return tile_channels(((features.clamp(-1, 1) + 1) * 127).round().to(torch.uint8))
+
+
+def tile_channels(channels: UInt8[Tensor, "chan height width"]) -> UInt8[np.ndarray, "height wide 3"]:
+    """8-bit channels as RGB tiles side by side, zero-padded to whole tiles: what a ``feat16.png`` holds."""
+    chan, height, width = channels.shape
     tiles = -(-chan // 3)
     padded = torch.zeros(tiles * 3, height, width, dtype=torch.uint8)
-    padded[:chan] = ((features.clamp(-1, 1) + 1) * 127).round().to(torch.uint8)
+    padded[:chan] = channels
     return padded.reshape(tiles, 3, height, width).permute(2, 0, 3, 1).reshape(height, tiles * width, 3).numpy()
 
 
-def read_feature_map(path: Path, *, channels: int, codec: Codec) -> Float[Tensor, "chan height width"]:
+def read_feature_map(path: StoredFile, *, channels: int, codec: Codec) -> Float[Tensor, "chan height width"]:
     """Read and decode a ``feat16.png``.
 
     Raises:
         FaunaError: if the file is missing, broken or of the wrong shape.
     """
     try:
-        with Image.open(path) as picture:
+        with Image.open(readable(path)) as picture:
             return decode_feature_map(np.array(picture.convert("RGB")), channels=channels, codec=codec)
     except (OSError, SyntaxError) as error:
         raise FaunaError(

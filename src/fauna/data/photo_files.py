@@ -3,16 +3,16 @@
 import hashlib
 import json
 import os
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
+from fauna.data.stored import Member, StoredFile, readable
 from fauna.errors import FaunaError
 
 
-def digest_file(path: Path) -> str:
+def digest_file(path: StoredFile) -> str:
     """Digest of a file's bytes, hexadecimal.
 
     Raises:
@@ -24,25 +24,26 @@ def digest_file(path: Path) -> str:
         raise FaunaError(f"{path} expects a readable image, got {error.strerror}; restore it") from error
 
 
-def file_stamp(path: Path | None) -> str:
+def file_stamp(path: StoredFile | None) -> str:
     """Path, size and time of last change, without reading the file."""
     if path is None:
         return "none"
     try:
-        found = os.stat(path)
+        found = os.stat(path.shard if isinstance(path, Member) else path)
     except OSError:
         return f"{path}:absent"
-    return f"{path}:{found.st_size}:{found.st_mtime_ns}"
+    place = f"@{path.offset}" if isinstance(path, Member) else ""
+    return f"{path}{place}:{found.st_size}:{found.st_mtime_ns}"
 
 
-def decode_image(path: Path, mode: str | None) -> np.ndarray:
+def decode_image(path: StoredFile, mode: str | None) -> np.ndarray:
     """Pixels of an image file as an array, converted to ``mode`` if given.
 
     Raises:
         FaunaError: when it is missing or broken.
     """
     try:
-        with Image.open(path) as picture:
+        with Image.open(readable(path)) as picture:
             if mode is None and picture.mode in ("P", "1"):
                 mode = "L"
             return np.array(picture.convert(mode) if mode else picture)
@@ -53,7 +54,7 @@ def decode_image(path: Path, mode: str | None) -> np.ndarray:
         raise FaunaError(f"{path} expects a readable image, got a broken one ({reason}); replace it") from error
 
 
-def read_keypoints(path: Path) -> Float[np.ndarray, "key 3"]:
+def read_keypoints(path: StoredFile) -> Float[np.ndarray, "key 3"]:
     """x, y in crop pixels and 1 where annotated.
 
     Raises:

@@ -3,7 +3,6 @@
 import hashlib
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -14,6 +13,7 @@ from torch import Tensor
 
 from fauna.data.crop_box import CropBox, read_box, valid_mask
 from fauna.data.photo_files import decode_image, digest_file, file_stamp, read_keypoints
+from fauna.data.stored import StoredFile
 from fauna.data.truth import Truth3D
 from fauna.errors import FaunaError
 
@@ -95,7 +95,7 @@ class Photo:
     category: str
     photograph: str
     source: PhotoSource
-    feature_map: Path | None = None
+    feature_map: StoredFile | None = None
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class LoadedPhoto:
 
 @dataclass(frozen=True)
 class FileSource(PhotoSource):
-    """A crop stored as files.
+    """A crop stored as files, on their own or in a shard.
 
     Attributes:
         image: ``.jpg`` or ``.png``.
@@ -127,10 +127,10 @@ class FileSource(PhotoSource):
         num_keypoints: how many the dataset has names for; ``None`` when it names none.
     """
 
-    image: Path
-    mask: Path
-    box: Path | None = None
-    keypoints: Path | None = None
+    image: StoredFile
+    mask: StoredFile
+    box: StoredFile | None = None
+    keypoints: StoredFile | None = None
     num_keypoints: int | None = None
 
     def read(self) -> RawPhoto:

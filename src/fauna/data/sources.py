@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fauna.data.fauna_folder import CategoryPhotos, read_fauna_folder, read_keypoint_names
+from fauna.data.fauna_folder import CategoryPhotos, expect_keypoints, read_fauna_folder, read_keypoint_names
 from fauna.data.feature_cache import default_cache_root
+from fauna.data.packed import is_packed, read_packed
 from fauna.data.photos import Photo, PhotoSource, RawPhoto
 from fauna.data.picture_cache import Drawing, read_or_draw
 from fauna.data.readers.keypoints import canonical_names
@@ -42,11 +43,11 @@ class PhotoCollection(ABC):
 
 
 class FaunaFolder(PhotoCollection):
-    """Crops stored as files.
+    """Crops stored as files or packed in shards.
 
     Args:
-        root: dataset folder, see :mod:`fauna.data.fauna_folder`.
-        photograph_pattern: how a stem names the photograph it was cropped from.
+        root: dataset folder, see :mod:`fauna.data.fauna_folder` and :mod:`fauna.data.packed`.
+        photograph_pattern: how a stem names the photograph it was cropped from; shards know.
     """
 
     def __init__(self, *, root: str | None, photograph_pattern: str) -> None:
@@ -61,9 +62,10 @@ class FaunaFolder(PhotoCollection):
     def categories(self) -> dict[str, CategoryPhotos]:
         """Photos per species."""
         names = self.keypoint_names
-        return read_fauna_folder(
-            self.root, photograph_pattern=self.photograph_pattern, num_keypoints=None if names is None else len(names)
-        )
+        number = None if names is None else len(names)
+        if is_packed(self.root):
+            return {name: expect_keypoints(photos, number) for name, photos in read_packed(self.root).items()}
+        return read_fauna_folder(self.root, photograph_pattern=self.photograph_pattern, num_keypoints=number)
 
     @property
     def identity(self) -> str:

@@ -40,29 +40,33 @@ class Sam(Segmenter):
         self.name = f"sam:{weights}"
         self.guide = guide
 
-    @torch.no_grad()
     def segment(self, image: UInt8[np.ndarray, "height width 3"]) -> Bool[np.ndarray, "height width"]:
         """The mask of highest predicted quality for a box around the guide's mask; empty where that is."""
         rough = self.guide.segment(image)
-        if not rough.any():
-            return rough
-        inputs = self.processor(images=image, input_boxes=[[_box(rough)]], return_tensors="pt")
+        return self.segment_in(image, _box(rough)) if rough.any() else rough
+
+    @torch.no_grad()
+    def segment_in(
+        self, image: UInt8[np.ndarray, "height width 3"], box: tuple[float, float, float, float]
+    ) -> Bool[np.ndarray, "height width"]:
+        """The mask of highest predicted quality for a box."""
+        inputs = self.processor(images=image, input_boxes=[[list(box)]], return_tensors="pt")
         outputs = self.network(**inputs, multimask_output=True)
         sizes = (inputs["original_sizes"], inputs["reshaped_input_sizes"]) if "reshaped_input_sizes" in inputs else (
             inputs["original_sizes"],
         )  # fmt: skip
         masks = self.processor.post_process_masks(outputs.pred_masks, *sizes)[0]  # (box, candidate, height, width)
         best = int(outputs.iou_scores.reshape(-1).argmax())
-        return masks.reshape(-1, *rough.shape)[best].numpy().astype(bool)
+        return masks.reshape(-1, *image.shape[:2])[best].numpy().astype(bool)
 
 
-def _box(mask: Bool[np.ndarray, "height width"]) -> list[float]:
+def _box(mask: Bool[np.ndarray, "height width"]) -> tuple[float, float, float, float]:
     """Left, top, right, bottom of a mask with a margin."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     extra = MARGIN * max(np.ptp(rows) + 1, np.ptp(columns) + 1)
-    return [
+    return (
         max(float(columns[0] - extra), 0.0),
         max(float(rows[0] - extra), 0.0),
         min(float(columns[-1] + 1 + extra), float(mask.shape[1])),
         min(float(rows[-1] + 1 + extra), float(mask.shape[0])),
-    ]
+    )

@@ -1,21 +1,20 @@
 """The numbers of ``conf/reconstruct.yaml`` as frozen dataclasses; needs neither Hydra nor torch."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass
-from typing import Any, Literal, TypeVar, get_type_hints
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
 
 import yaml
 
 from fauna._conf import CONF_DIR
 from fauna.errors import FaunaError
 from fauna.masks.options import GrabCutOptions, SaliencyOptions
+from fauna.yaml_groups import build_group
 
 CROP_RULES = ("widen", "fauna")
 FORMATS = ("glb", "obj", "ply")
 MOST_FRAMES = 600
 """Of a morph."""
-Group = TypeVar("Group")
 
 
 @dataclass(frozen=True)
@@ -207,7 +206,7 @@ class Settings:
 def default_settings() -> Settings:
     """The settings of ``conf/reconstruct.yaml``."""
     content = yaml.safe_load((CONF_DIR / "reconstruct.yaml").read_text(encoding="utf-8"))
-    return _build(Settings, content, "")
+    return build_group(Settings, content, file="reconstruct.yaml")
 
 
 def check_choice(name: str, value: str, known: tuple[str, ...]) -> None:
@@ -228,22 +227,3 @@ def check_range(name: str, value: int, low: int, high: int) -> None:
     """
     if not low <= value <= high:
         raise FaunaError(f"{name}: expected a whole number from {low} to {high}, got {value}; give another number")
-
-
-def _build(kind: type[Group], content: Mapping[str, Any], path: str) -> Group:
-    hints = get_type_hints(kind)
-    names = {field.name for field in fields(kind)}  # type: ignore[arg-type]
-    if set(content) != names:
-        odd = sorted(set(content) ^ names)
-        raise FaunaError(
-            f"reconstruct.yaml: expected the keys {sorted(names)} in {path or 'the file'}, got {odd} otherwise; mend it"
-        )
-    values = {
-        name: _build(hints[name], value, f"{path}{name}.")
-        if is_dataclass(hints[name])
-        else tuple(value)
-        if isinstance(value, list)
-        else value
-        for name, value in content.items()
-    }
-    return kind(**values)

@@ -115,6 +115,25 @@ class CocoPhotos(KeypointPhotos):
             require(annotation, ["image_id"], f"{where} annotation {number}")
             yield self._animal(annotation, f"{file}/{annotation.get('id', number)}", images, categories)
 
+    def statements(self, split: str) -> tuple[str | None, dict[str, str]]:
+        """Where the photographs of a split's file come from, and the licence of each by its name in the file, where it says so."""
+        content = self._contents[split]
+        listed, info = content.get("images"), content.get("info")
+        parts = [info.get(key) for key in ("description", "contributor", "url")] if isinstance(info, Mapping) else []
+        origin = ", ".join(str(part).strip() for part in parts if part) or None
+        known = content.get("licenses")
+        licences = {
+            each.get("id"): " ".join(str(each[key]) for key in ("name", "url") if each.get(key))
+            for each in (known if isinstance(known, list) else ())
+            if isinstance(each, Mapping)
+        }
+        named = (
+            (forward_slashes(str(image.get("file_name"))), licences.get(image.get("license")))
+            for image in (listed if isinstance(listed, list) else ())
+            if isinstance(image, Mapping)
+        )
+        return origin, {name: licence for name, licence in named if licence}
+
     def _animal(
         self, annotation: Mapping[str, Any], name: str, images: Mapping, categories: Mapping
     ) -> Animal | LeftOut:

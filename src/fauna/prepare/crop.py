@@ -1,0 +1,138 @@
+"""The crop step: a square around each animal by the rule shared with reconstruction, and the files beside it."""
+
+import hashlib
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, UInt8
+from PIL import Image
+
+from fauna.data.crop_box import CropBox
+from fauna.data.crop_rules import ruled_window
+from fauna.data.cut import cut
+from fauna.prepare.mask import read_mask
+from fauna.prepare.pictures import open_photograph
+from fauna.prepare.record import Point, Record, Rows
+from fauna.prepare.settings import Settings, digest
+from fauna.prepare.steps import Step
+from fauna.prepare.workspace import Workspace, write_file
+from fauna.reconstruct.photograph import Photograph
+from fauna.reconstruct.status import Refused
+
+VERSION = 1
+
+
+class CropStep(Step):
+    """Cuts the crops.
+
+    The photograph is reduced to ``photo.work_side`` before, as in reconstruction; places in rows and in the box file are pixels of
+    the photograph at full size all the same.
+
+    Args:
+        settings: group ``crop``.
+        workspace: where crops go.
+    """
+
+    name = "crop"
+
+    def __init__(self, *, settings: Settings, workspace: Workspace) -> None:
+        self.settings = settings
+        self.workspace = workspace
+
+    @property
+    def key(self) -> str:
+        """Of the settings and what a photograph is."""
+        return digest(VERSION, self.settings.crop, self.settings.photo)
+
+    def __call__(self, rows: Rows) -> Rows:
+        """The rows with windows and digests."""
+        first = next((row for row in rows if row.ok), None)
+        if first is None:
+            return rows
+        try:
+            photograph = open_photograph(first, self.settings, self.workspace)
+        except Refused as refusal:
+            return tuple(row.rejected(self.name, refusal.status) if row.ok else row for row in rows)
+        picture = Image.fromarray(photograph.image)
+        return tuple(self._cropped(row, photograph, picture) if row.ok else row for row in rows)
+
+    def outputs(self, rows: Rows) -> list[Path]:
+        """Crop, mask and box of rows that are ok; keypoints where the source has some."""
+        ends = ("rgb.jpg", "mask.png", "box.txt")
+        files = [self.workspace.crop(row.id, end) for row in rows if row.ok for end in ends]
+        return files + [
+            self.workspace.crop(row.id, "keypoints.json") for row in rows if row.ok and row.keypoints is not None
+        ]
+
+    def _cropped(self, row: Record, photograph: Photograph, picture: Image.Image) -> Record:
+        mask = read_mask(self.workspace.mask(row.id))
+        window = ruled_window(mask, self.settings.crop.rule)
+        image, small, box = cut(picture, mask, window, self.settings.crop.size)
+        left, top, side = (float(value) * photograph.scale for value in window)
+        row = replace(row, window=(left, top, side))
+        if not small.any():
+            return row.rejected(self.name, "too_small")
+        rgb, drawn = encode_rgb(image, self.settings.crop.jpeg_quality), encode_small_mask(small)
+        write_file(self.workspace.crop(row.id, "rgb.jpg"), rgb)
+        write_file(self.workspace.crop(row.id, "mask.png"), drawn)
+        write_file(self.workspace.crop(row.id, "box.txt"), box_line(row.frame, box, photograph).encode())
+        if row.keypoints is not None:
+            points = crop_keypoints(row.keypoints, (left, top, side), self.settings.crop.size)
+            content = json.dumps({"keypoints": points}, separators=(",", ":"))
+            write_file(self.workspace.crop(row.id, "keypoints.json"), content.encode())
+            if not any(flag for *_, flag in row.keypoints):
+                row = row.with_notes("no_keypoint_annotated")
+        return replace(row, rgb_sha256=_sha256(rgb), mask_sha256=_sha256(drawn))
+
+
+def crop_keypoints(points: tuple[Point, ...], window: tuple[float, float, float], size: int) -> list[list[float]]:
+    """Keypoints in crop pixels, 0 is the left or top edge; zeros where not annotated.
+
+    Args:
+        points: (x, y, annotated) in pixels of the photograph.
+        window: left, top and side of the crop, likewise.
+        size: side of the crop, its own pixels.
+
+    >>> crop_keypoints(((30.0, 25.0, 1.0), (3.0, 4.0, 0.0)), (10.0, 5.0, 40.0), 80)
+    [[40.0, 40.0, 1.0], [0.0, 0.0, 0.0]]
+    """
+    left, top, side = window
+    scale = size / side
+    return [
+        [round((x - left) * scale, 3), round((y - top) * scale, 3), 1.0] if flag else [0.0, 0.0, 0.0]
+        for x, y, flag in points
+    ]
+
+
+def box_line(frame: int | None, box: CropBox, photograph: Photograph) -> str:
+    """The line of a box file, ``frame x0 y0 w h photo_w photo_h sharpness``, in pixels of the photograph at full size.
+
+    Args:
+        frame: of a video.
+        box: window in pixels of the photograph at working size.
+        photograph: at both sizes.
+    """
+    places = (side * photograph.scale for side in (box.x0, box.y0, box.width, box.height))
+    width, height = photograph.size
+    return f"{frame or 0} {' '.join(f'{place:.2f}' for place in places)} {width} {height} 0.00\n"
+
+
+def encode_rgb(image: UInt8[np.ndarray, "side side 3"], quality: int) -> bytes:
+    """A crop as JPEG."""
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, "JPEG", quality=quality)
+    return buffer.getvalue()
+
+
+def encode_small_mask(mask: Bool[np.ndarray, "side side"]) -> bytes:
+    """A crop's mask as an 8-bit PNG of 0 and 255."""
+    buffer = io.BytesIO()
+    Image.fromarray(mask.astype(np.uint8) * np.uint8(255)).save(buffer, "PNG", optimize=False)
+    return buffer.getvalue()
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()

@@ -1,0 +1,1 @@
+"""What a pile of photographs may look like, and how it becomes rows."""
