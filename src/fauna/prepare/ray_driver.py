@@ -25,10 +25,10 @@ def run_on_ray(name: str, shards: Sequence[Shard], pipeline: Pipeline) -> list[T
         FaunaError: when Ray is not installed, or as the step raises.
     """
     try:
-        import ray
+        import ray  # pyright: ignore[reportMissingImports]  # an optional extra
     except ImportError as error:
         raise FaunaError(
-            "runner: expected the package ray for runner=ray, got none; pip install 'fauna[ray]'"
+            "runner: expected the package ray for runner=ray, got none; pip install -e '.[ray]' in the checkout"
         ) from error
     if name == "mask":
         pipeline.duplicates()
