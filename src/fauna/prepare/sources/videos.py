@@ -136,5 +136,5 @@ def _pyav() -> Any:
     try:
         import av
     except ImportError as error:
-        raise FaunaError("videos: expected the package av, got none; pip install 'fauna[video]'") from error
+        raise FaunaError("videos: expected the package av, got none; pip install -e '.[video]' in the checkout") from error
     return av
