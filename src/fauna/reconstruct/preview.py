@@ -118,6 +118,6 @@ def _captioned(strip: Image.Image, result: Result, cell: int) -> Image.Image:
     pen = ImageDraw.Draw(sheet)
     for index, name in enumerate(COLUMNS):
         pen.text((index * cell + 3, 2), name, fill="black")
-    words = [result.name, result.status, f"confidence {result.confidence:.2f}", *result.flags]
-    pen.text((3, HEADER + strip.height + 2), "   ".join(words).replace("_", " "), fill="black")
+    words = [each.replace("_", " ") for each in (result.status, f"confidence {result.confidence:.2f}", *result.flags)]
+    pen.text((3, HEADER + strip.height + 2), "   ".join([result.name, *words]), fill="black")
     return sheet
