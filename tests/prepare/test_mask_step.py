@@ -6,8 +6,9 @@ from PIL import Image
 
 from fauna.data.readers.masks import Polygons, encode_mask
 from fauna.masks.base import Segmenter
-from fauna.prepare.mask import mask_box, read_mask
+from fauna.prepare.mask import mask_box
 from fauna.prepare.masks_given import text_of_mask
+from fauna.prepare.masks_stored import read_mask
 from tests.prepare.piles import HEIGHT, WIDTH, animal, flat, items, opened, put, texture, through
 
 STEPS = ("scan", "mask")

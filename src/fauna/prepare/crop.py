@@ -13,7 +13,7 @@ from PIL import Image
 from fauna.data.crop_box import CropBox
 from fauna.data.crop_rules import ruled_window
 from fauna.data.cut import cut
-from fauna.prepare.mask import read_mask
+from fauna.prepare.masks_stored import read_mask
 from fauna.prepare.pictures import open_photograph
 from fauna.prepare.record import Point, Record, Rows
 from fauna.prepare.settings import Settings, digest

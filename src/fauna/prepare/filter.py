@@ -8,7 +8,7 @@ import numpy as np
 
 from fauna.data.photo_files import decode_image
 from fauna.data.photos import MASK_THRESHOLD
-from fauna.prepare.mask import read_mask
+from fauna.prepare.masks_stored import read_mask
 from fauna.prepare.measures import Measures, measure
 from fauna.prepare.record import Record, Rows
 from fauna.prepare.settings import FilterSettings, Settings, digest

@@ -1,6 +1,5 @@
 """The mask step: the animals of a photograph, from given masks, its alpha channel, or a segmenter."""
 
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -8,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool
-from PIL import Image
 
 from fauna.data.readers.crop import widen_box
 from fauna.masks.animals import split_animals
 from fauna.masks.base import Segmenter
 from fauna.masks.boxes import overlap
 from fauna.prepare.masks_given import given_file, has_parts, holds_one, read_given
+from fauna.prepare.masks_stored import encode_mask, read_mask
 from fauna.prepare.pictures import open_photograph
 from fauna.prepare.record import Box, Record, Rows, row_id
 from fauna.prepare.settings import Settings, digest
@@ -93,7 +92,7 @@ class MaskStep(Step):
         return build_segmenter(self.settings.mask.segmenter, guide)
 
     @cached_property
-    def detector(self):  # noqa: ANN201
+    def detector(self):
         """Loaded when the first photograph needs it; ``None`` without one."""
         if self.settings.mask.detector is None:
             return None
@@ -220,19 +219,6 @@ class MaskStep(Step):
 
 class _NoMask(Exception):
     """No mask was given, and there is no segmenter to ask."""
-
-
-def encode_mask(mask: Mask) -> bytes:
-    """A mask as a 1-bit PNG."""
-    buffer = io.BytesIO()
-    Image.fromarray(mask).save(buffer, "PNG")
-    return buffer.getvalue()
-
-
-def read_mask(path: Path) -> Mask:
-    """A mask that :func:`encode_mask` wrote."""
-    with Image.open(path) as picture:
-        return np.array(picture.convert("1"))
 
 
 def mask_box(mask: Mask, scale: float) -> Box:

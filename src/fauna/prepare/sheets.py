@@ -12,7 +12,7 @@ from jaxtyping import Bool, UInt8
 from PIL import Image, ImageDraw, UnidentifiedImageError
 
 from fauna.errors import FaunaError
-from fauna.prepare.mask import read_mask
+from fauna.prepare.masks_stored import read_mask
 from fauna.prepare.pictures import open_photograph
 from fauna.prepare.record import Record
 from fauna.prepare.settings import Settings
