@@ -78,6 +78,7 @@ def test_named_keys_exist(document):
     keys = {key for key in keys if key.split(".")[0] in roots and Path(key).suffix not in (".py", ".md", ".yaml")}
     configs = [composed(f"+experiment={name}") for name in ("laptop", "quadruped")]
     configs += [composed(f"data={path.stem}") for path in (CONF_DIR / "data").glob("*.yaml")]
+    configs += [DictConfig(OmegaConf.load(CONF_DIR / f"{name}.yaml")) for name in ("reconstruct", "prepare")]
     assert len(keys) > 8
     unknown = [key for key in sorted(keys) if not any(_has(cfg, key) for cfg in configs)]
     assert not unknown
