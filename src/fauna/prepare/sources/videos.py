@@ -136,5 +136,7 @@ def _pyav() -> Any:
     try:
         import av
     except ImportError as error:
-        raise FaunaError("videos: expected the package av, got none; pip install -e '.[video]' in the checkout") from error
+        raise FaunaError(
+            "videos: expected the package av, got none; pip install -e '.[video]' in the checkout"
+        ) from error
     return av
