@@ -55,7 +55,7 @@ def measure(model: FaunaModel, batch: Batch, out: Reconstruction) -> Measures:
     space = model.feature_space
     deviations = (features.global_[0] - space.global_mean) / space.global_std.clamp_min(1e-6)
     local = (features.tokens[0] - space.token_mean[:, None, None]) / space.token_std[:, None, None].clamp_min(1e-6)
-    shares = F.adaptive_avg_pool2d(mask[None], local.shape[-2:])[0]
+    shares = F.adaptive_avg_pool2d(mask[None], (local.shape[-2], local.shape[-1]))[0]
     distinct = (local.square().mean(dim=0) * shares).sum() / shares.sum().clamp_min(1e-6)
     return Measures(
         iou=float(overlap),
