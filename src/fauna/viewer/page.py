@@ -122,7 +122,7 @@ def _poster(picture: bytes) -> str:
 
 def _facts(facts: Mapping[str, str]) -> str:
     entries = "".join(f"<dt>{html.escape(name)}</dt><dd>{html.escape(value)}</dd>" for name, value in facts.items())
-    return f'<details class="facts" id="facts" open><summary>About this model</summary><dl>{entries}</dl></details>'
+    return f'<details class="facts" id="facts"><summary>About this model</summary><dl>{entries}</dl></details>'
 
 
 def _check_glb(glb: bytes) -> None:
