@@ -48,7 +48,8 @@ def test_help_says_what_it_does_and_imports_nothing_heavy(tmp_path):
 def test_without_gradio_one_line_says_how_to_get_it(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(
-        FaunaError, match=r"^fauna-demo: expected the package gradio, got none; pip install 'fauna\[demo\]'$"
+        FaunaError,
+        match=r"^fauna-demo: expected the package gradio, got none; pip install -e '\.\[demo\]' in the checkout$",
     ):
         check(Options(**GIVEN))
 

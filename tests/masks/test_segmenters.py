@@ -142,7 +142,7 @@ def test_missing_weights_and_packages_are_told(grabcut, tmp_path, monkeypatch):
     with pytest.raises(FaunaError, match=r"weights of the SAM family.*sam:FOLDER"):
         build_segmenter(f"sam:{tmp_path}", grabcut)
     monkeypatch.setitem(sys.modules, "rembg", None)
-    with pytest.raises(FaunaError, match=r"pip install 'fauna\[rembg\]'"):
+    with pytest.raises(FaunaError, match=r"pip install -e '\.\[rembg\]'"):
         build_segmenter("rembg", grabcut)
     for unknown in ("magic", "grabcut:x", ""):
         with pytest.raises(FaunaError, match="expected grabcut, sam"):

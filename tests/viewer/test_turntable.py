@@ -139,7 +139,7 @@ def test_says_how_to_get_an_encoder(tmp_path, frames, monkeypatch):
     import sys
 
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(FaunaError, match=r"pip install 'fauna\[video\]', or write .webp"):
+    with pytest.raises(FaunaError, match=r"pip install -e '\.\[video\]' in the checkout, or write .webp"):
         write_video(tmp_path / "a.mp4", frames, fps=8)
 
 
