@@ -1,4 +1,5 @@
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -98,7 +99,54 @@ def test_a_folder_appears_whole_or_not_at_all(tmp_path):
     with pytest.raises(ZeroDivisionError), whole_folder(target) as folder:
         touch(folder, str(1 / 0))
     assert [each.name for each in tmp_path.rglob("*")] == ["x", "a"]
-    touch(tmp_path, ".x.partial/left-over")
+    touch(tmp_path, f".x.{2**22 + 1}.partial/left-over")  # of a process that is gone
+    touch(tmp_path, f".x.{os.getppid()}.partial/other")  # of one that is not
     with whole_folder(target) as folder:
         touch(folder, "c")
-    assert [each.name for each in tmp_path.rglob("*")] == ["x", "c"]
+    assert sorted(each.name for each in tmp_path.iterdir()) == [f".x.{os.getppid()}.partial", "x"]
+    assert [each.name for each in target.iterdir()] == ["c"]
+
+
+def test_a_folder_is_overwritten_only_when_nothing_else_lies_in_it(tmp_path):
+    touch(tmp_path, "dog/result.json")
+    (tmp_path / "dog" / "result.json").write_text('{"schema": "x", "files": ["model.glb", "result.json"]}')
+    touch(tmp_path, "dog/model.glb")
+    assert is_free(tmp_path / "dog", overwrite=True)
+    touch(tmp_path, "dog/scene.blend")
+    assert not is_free(tmp_path / "dog", overwrite=True)
+
+
+def test_a_result_whose_files_are_gone_is_made_again(tmp_path):
+    job = name_jobs([Path("dog.jpg")])[0]
+    touch(tmp_path, "dog/model.glb")
+    content = {"schema": "x", "key": "k", "animals": ["dog"], "files": ["model.glb", "result.json"]}
+    (tmp_path / "dog" / "result.json").write_text(json.dumps(content))
+    assert finished(tmp_path, job, "k")
+    (tmp_path / "dog" / "model.glb").unlink()
+    assert finished(tmp_path, job, "k") is None
+
+
+def test_dots_are_no_names(tmp_path):
+    assert [job.name for job in name_jobs([Path("in/..jpg"), Path("in/...jpg"), Path("in/a..jpg")])] == [
+        "photo",
+        "photo_2",
+        "a",
+    ]
+    with pytest.raises(FaunaError, match="cannot be replaced"), whole_folder(tmp_path / ".."):
+        pass
+
+
+def test_a_request_to_end_is_no_failure_of_the_photograph(monkeypatch):
+    from fauna.reconstruct.batch import failed
+    from fauna.reconstruct.result import Result
+
+    monkeypatch.delenv("FAUNA_DEBUG", raising=False)
+    try:
+        try:
+            raise SystemExit(143)
+        except SystemExit as stop:
+            raise SystemError("returned a result with an exception set") from stop
+    except SystemError as error:
+        with pytest.raises(SystemExit) as caught:
+            failed(object.__new__(Result), error)
+    assert caught.value.code == 143

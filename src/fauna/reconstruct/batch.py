@@ -157,8 +157,8 @@ def _forget(out: Path, job: Job, names: Sequence[str]) -> None:
     """Remove further animals that an earlier, now overwritten result of the photograph had."""
     before = read_result(out / job.name) or {}
     for name in set(map(str, before.get("animals", []))) - set(names):
-        if Path(name).name == name and read_result(out / name) is not None:
-            shutil.rmtree(out / name)
+        if Path(name).name == name and is_free(out / name, overwrite=True):
+            shutil.rmtree(out / name, ignore_errors=True)
 
 
 def write_guarded(result: Result, folder: Path, extra: dict[str, Any]) -> Result:
@@ -195,7 +195,16 @@ def reconstruct_guarded(job: Job, loader: Loader, masks: Sequence[Path] | None) 
 
 
 def failed(result: Result, error: Exception) -> Result:
-    """The result without its animal, and why; with ``FAUNA_DEBUG`` the error itself."""
+    """The result without its animal, and why; with ``FAUNA_DEBUG`` the error itself.
+
+    Raises:
+        SystemExit: when the error is what compiled code makes of a request to end (as ``KeyboardInterrupt``).
+    """
+    seen: BaseException | None = error
+    while seen is not None:
+        if isinstance(seen, SystemExit | KeyboardInterrupt):
+            raise seen
+        seen = seen.__cause__ or seen.__context__
     if os.environ.get("FAUNA_DEBUG"):
         raise error
     reason = " ".join(f"{type(error).__name__}: {error}".split())[:300] + "; FAUNA_DEBUG=1 shows where"

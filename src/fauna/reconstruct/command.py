@@ -118,7 +118,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     add("--device", default="cpu", help="where torch computes (default: %(default)s)")
     add("--threads", type=int, default=1, metavar="N", help="CPU threads (default: %(default)s)")
     add("--overwrite", action="store_true", help="replace results that were made with other options")
-    return parser.parse_args(arguments)  # fmt: skip
+    return parser.parse_intermixed_args(arguments)  # fmt: skip
 
 
 def chosen_settings(given: argparse.Namespace) -> Settings:

@@ -4,6 +4,7 @@ import contextlib
 import glob
 import hashlib
 import json
+import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -69,15 +70,19 @@ def find_photos(inputs: Sequence[str]) -> list[Path]:
 
 
 def name_jobs(photos: Sequence[Path]) -> list[Job]:
-    """A name for each photograph: its stem; the second of a stem is ``<stem>_2``, and so on."""
-    stems = {photo.stem.casefold() for photo in photos}
+    """A name for each photograph: its stem; the second of a stem is ``<stem>_2``, and so on.
+
+    Dots around a stem are left out: a file ``...jpg`` must not become the folder above.
+    """
+    own = [photo.stem.strip(". ") or "photo" for photo in photos]
+    stems = {stem.casefold() for stem in own}
     taken: set[str] = set()
     names = []
-    for photo in photos:
-        name, number = photo.stem, 1
+    for stem in own:
+        name, number = stem, 1
         while name.casefold() in taken or (number > 1 and name.casefold() in stems):
             number += 1
-            name = f"{photo.stem}_{number}"
+            name = f"{stem}_{number}"
         taken.add(name.casefold())
         names.append(name)
     return [Job(photo, name, frozenset(taken)) for photo, name in zip(photos, names, strict=True)]
@@ -99,9 +104,19 @@ def finished(out: Path, job: Job, key: str) -> list[dict[str, Any]] | None:
     first = read_result(out / job.name)
     if first is None or first.get(KEY) != key:
         return None
-    results = [read_result(out / str(name)) for name in first.get("animals", [])]
-    whole = [each for each in results if each is not None and each.get(KEY) == key]
+    names = [str(name) for name in first.get("animals", [])]
+    results = [read_result(out / name) for name in names]
+    whole = [
+        each
+        for name, each in zip(names, results, strict=True)
+        if each is not None and each.get(KEY) == key and _is_there(out / name, each)
+    ]
     return whole if whole and len(whole) == len(results) else None
+
+
+def _is_there(folder: Path, result: Mapping[str, Any]) -> bool:
+    """Whether every file that a result names still lies in its folder."""
+    return all((folder / str(name)).is_file() for name in result.get("files", []))
 
 
 def read_result(folder: Path) -> dict[str, Any] | None:
@@ -114,22 +129,35 @@ def read_result(folder: Path) -> dict[str, Any] | None:
 
 
 def is_free(folder: Path, *, overwrite: bool) -> bool:
-    """Whether a folder may be written: it does not exist, is empty, or holds a result that is to be overwritten."""
+    """Whether a folder may be written: it does not exist, is empty, or holds a result that is to be overwritten and nothing else."""
     if not folder.exists():
         return True
     if not folder.is_dir():
         return False
-    return not any(folder.iterdir()) or (overwrite and read_result(folder) is not None)
+    present = {each.name for each in folder.iterdir()}
+    return not present or (overwrite and present <= _files(folder))
+
+
+def _files(folder: Path) -> set[str]:
+    """Names of the files that a result wrote into its folder; none where there is no result."""
+    found = read_result(folder)
+    return set() if found is None else {RESULT, *map(str, found.get("files", []))}
 
 
 @contextmanager
 def whole_folder(folder: Path) -> Iterator[Path]:
     """A temporary folder beside ``folder`` that takes its place when the block ends well, and vanishes otherwise.
 
-    What an earlier, killed program left under the temporary name is removed.
+    Every process has its own. What killed programs left is removed.
     """
-    partial = folder.with_name(f".{folder.name}{PARTIAL}")
-    shutil.rmtree(partial, ignore_errors=True)
+    if folder.name in ("", ".", ".."):
+        raise FaunaError(
+            f"{folder}: expected the name of a new folder, got one that cannot be replaced; name a folder in it"
+        )
+    for left in folder.parent.glob(f".{glob.escape(folder.name)}.*{PARTIAL}"):
+        if not _runs(left.name.removesuffix(PARTIAL).rpartition(".")[2]):
+            shutil.rmtree(left, ignore_errors=True)
+    partial = folder.with_name(f".{folder.name}.{os.getpid()}{PARTIAL}")
     partial.mkdir(parents=True)
     try:
         yield partial
@@ -138,6 +166,19 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         partial.rename(folder)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def _runs(process: str) -> bool:
+    """Whether a process of this machine with that number is alive, other than this one."""
+    if not process.isdigit() or int(process) == os.getpid():
+        return False
+    try:
+        os.kill(int(process), 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass  # somebody else's
+    return True
 
 
 def _is_photo(path: Path) -> bool:
