@@ -59,6 +59,8 @@ def claim(source: Path, dest: Path, settings: Settings) -> Workspace:
     if not source.exists():
         raise FaunaError(f"SOURCE: expected photographs, got {source}, which does not exist; check the path")
     source, dest = source.resolve(), dest.absolute()
+    if dest.name in ("", ".."):
+        raise FaunaError(f"DEST: expected the name of a folder, got {dest}; choose another")
     work = dest.with_name(f"{dest.name}.work") if settings.work is None else Path(settings.work).expanduser().absolute()
     for name, folder in (("DEST", dest), ("work", work)):
         if folder.exists() and not folder.is_dir():
@@ -72,13 +74,19 @@ def claim(source: Path, dest: Path, settings: Settings) -> Workspace:
     if work.is_relative_to(dest) or dest.is_relative_to(work):
         raise FaunaError(f"work: expected a folder beside DEST, got {work}; the set and the way to it are kept apart")
     known = work / CLAIM
-    begun = known.is_file() and known.read_text(encoding="utf-8", errors="surrogateescape") == f"{dest}\n"
+    told = known.read_text(encoding="utf-8", errors="surrogateescape").splitlines() if known.is_file() else []
+    begun = told[:1] == [str(dest)]
+    if begun and told[1:] != [str(source)]:
+        raise FaunaError(
+            f"SOURCE: expected {' '.join(told[1:])}, which {dest} is made from, got {source}; choose another DEST, or write the new "
+            f"place into {known} if it was moved"
+        )
     if not begun and dest.is_dir() and any(dest.iterdir()) and not manifest_files(dest):
         raise FaunaError(
             f"DEST: expected a new folder or a set of fauna-prepare, got {dest}, which holds something else; choose another"
         )
     if not begun:
-        write_file(known, f"{dest}\n".encode("utf-8", "surrogateescape"))
+        write_file(known, f"{dest}\n{source}\n".encode("utf-8", "surrogateescape"))
     dest.mkdir(parents=True, exist_ok=True)
     return Workspace(source, dest, work)
 
@@ -129,6 +137,12 @@ def finish(workspace: Workspace, settings: Settings) -> None:
         write_file(workspace.dest / KEYPOINT_NAMES, f"{_json(names)}\n".encode())
     else:
         (workspace.dest / KEYPOINT_NAMES).unlink(missing_ok=True)
+    if (
+        pipeline.count > 1 or not (workspace.report / "used.png").is_file()
+    ):  # shards leave the sheets to whoever sees all
+        from fauna.prepare.sheets import write_sheets
+
+        write_sheets(pipeline.tables("filter"), settings, workspace)
     files = write_manifest(pipeline.merged("split"), workspace.dest, counts.total(), settings.manifest_rows)
     write_report(files, settings, workspace)
     print(

@@ -211,6 +211,8 @@ def _set(content: dict[str, Any], path: list[str], key: str, value: Any) -> None
     if not isinstance(node, dict) or name not in node or isinstance(node[name], dict):
         raise FaunaError(f"{key}: expected a key of conf/{FILE}, got an unknown one; see docs/prepare.md")
     old = node[name]
+    if name in ("work", "overrides", "shard", "runner") and value is not None and not isinstance(value, str):
+        value = str(value)  # a folder may be called 7
     if isinstance(value, int) and isinstance(old, float) and not isinstance(value, bool):
         value = float(value)
     if old is not None and value is not None and type(value) is not type(old):

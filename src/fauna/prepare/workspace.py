@@ -1,6 +1,7 @@
 """Where things are: SOURCE is only read, DEST holds the finished set and nothing else, WORK everything on the way to it."""
 
 import contextlib
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,7 +79,7 @@ def write_file(path: Path, content: bytes) -> None:
     with contextlib.suppress(OSError):
         if path.stat().st_size == len(content) and path.read_bytes() == content:
             return
-    partial = path.with_name(f".{path.name}{PARTIAL}")
+    partial = path.with_name(f".{path.name}.{os.getpid()}{PARTIAL}")  # jobs of one set may write the same file
     try:
         try:
             partial.write_bytes(content)

@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+import unicodedata
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -189,8 +190,10 @@ def species_name(text: str) -> str:
 
     >>> species_name("King Cheetah ")
     'king_cheetah'
+    >>> species_name("Кот")
+    'кот'
     """
-    return re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_") or "animal"
+    return re.sub(r"[\W_]+", "_", unicodedata.normalize("NFC", text).casefold()).strip("_") or "animal"
 
 
 def photograph_name(image: str, pattern: str | None, *, dataset: str) -> str:

@@ -39,7 +39,12 @@ def walk(
         yield error
         return
     for entry in entries:
-        if entry.is_file():
+        try:
+            is_file = entry.is_file()
+        except OSError as error:  # a link to itself
+            yield error
+            continue
+        if is_file:
             yield Path(entry.path)
     for entry in entries:
         name = entry.name
