@@ -1,5 +1,6 @@
 """The audit of a finished set: is everything there that its manifest says, is it sound, and does nothing leak between splits."""
 
+import contextlib
 import hashlib
 import io
 import json
@@ -74,7 +75,7 @@ def check_set(dest: Path, settings: Settings) -> bool:
 
     Args:
         dest: folder of a finished set.
-        settings: ``check``, and ``crop.size`` the set was made with.
+        settings: group ``check``.
 
     Returns:
         Whether the set is sound.
@@ -102,10 +103,11 @@ def audit_set(dest: Path, settings: Settings) -> Audit:
     audit = Audit()
     joint = _joint(files)
     names = read_keypoint_names(dest)
+    size = _crop_size(files, joint, dest, usual=settings.crop.size)
     with progress("check") as tick:
         for row in _usable(files):
             for end in files_of(row):
-                _check_file(row, end, dest / crop_path(row, end, joint), names, settings, audit)
+                _check_file(row, end, dest / crop_path(row, end, joint), names, size, audit)
             audit.of("licences", fatal=settings.check.unlicensed == "fail").look(
                 f"{row.source}: unknown" if row.licence == "unknown" else None
             )
@@ -118,6 +120,14 @@ def audit_set(dest: Path, settings: Settings) -> Audit:
 def _usable(files: list[Path]) -> Iterator[Record]:
     for file in files:
         yield from (row for row in read_table(file) if row.ok)
+
+
+def _crop_size(files: list[Path], joint: frozenset[str], dest: Path, *, usual: int) -> int:
+    """Side of the first crop that can be opened: all others must have it too; ``usual`` where there is none."""
+    for row in _usable(files):
+        with contextlib.suppress(Exception), Image.open(dest / crop_path(row, "rgb.jpg", joint)) as picture:
+            return picture.size[0]
+    return usual
 
 
 def _joint(files: list[Path]) -> frozenset[str]:
@@ -133,9 +143,7 @@ def _joint(files: list[Path]) -> frozenset[str]:
     return frozenset(twice)
 
 
-def _check_file(
-    row: Record, end: str, path: Path, names: tuple[str, ...] | None, settings: Settings, audit: Audit
-) -> None:
+def _check_file(row: Record, end: str, path: Path, names: tuple[str, ...] | None, size: int, audit: Audit) -> None:
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -145,8 +153,8 @@ def _check_file(
     changed = digest is not None and hashlib.sha256(content).hexdigest() != getattr(row, digest)
     audit.of("files").look(f"{path}: changed since it was made" if changed else None)
     examine: Callable[[], str | None] = {
-        "rgb.jpg": lambda: _picture(content, settings.crop.size),
-        "mask.png": lambda: _mask(content, settings.crop.size),
+        "rgb.jpg": lambda: _picture(content, size),
+        "mask.png": lambda: _mask(content, size),
         "feat16.png": lambda: _features(content),
         "keypoints.json": lambda: _keypoints(content, names),
         "box.txt": lambda: None if len(content.split()) >= 7 else "expected seven numbers",

@@ -55,7 +55,7 @@ def read_names(path: Path | None, key: str) -> frozenset[str]:
 
 def _lines(path: Path, key: str) -> list[tuple[int, str]]:
     try:
-        text = path.expanduser().read_text(encoding="utf-8")
+        text = path.expanduser().read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise FaunaError(f"{key}: expected a text file, got {path} ({error}); check the path") from error
     stripped = ((number, line.strip()) for number, line in enumerate(text.splitlines(), start=1))

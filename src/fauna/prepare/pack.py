@@ -66,7 +66,11 @@ def pack_set(dest: Path, packed: Path, settings: Settings) -> None:
     Raises:
         FaunaError: when ``dest`` holds no crops, or ``packed`` is no folder for shards.
     """
-    if packed.exists() and (not packed.is_dir() or packed.resolve() == dest.resolve()):
+    inside = packed.resolve().is_relative_to(dest.resolve()) or dest.resolve().is_relative_to(packed.resolve())
+    begun = packed.is_dir() and (
+        not any(packed.iterdir()) or (packed / FILE).is_file() or any(packed.glob("[0-9]" * 5 + ".tar"))
+    )
+    if inside or (packed.exists() and not begun):
         raise FaunaError(f"{packed}: expected a new folder for the shards, got something else; choose another")
     packed.mkdir(parents=True, exist_ok=True)
     parts = enumerate(_shards(entries_of(dest), settings.pack.shard_bytes))

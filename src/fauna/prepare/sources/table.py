@@ -1,6 +1,7 @@
 """A CSV file with a row for each animal: ``image,species`` and, if known, ``mask,licence,provenance,group,left,top,right,bottom``."""
 
 import csv
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import groupby
@@ -84,9 +85,11 @@ class TableSource(Source):
             return None
         try:
             left, top, right, bottom = (float(text or "") for text in texts)
+            if not (math.isfinite(left + top + right + bottom) and left < right and top < bottom):
+                raise ValueError("no box")
         except ValueError as error:
             raise FaunaError(
-                f"{self.file} line {number}: expected left,top,right,bottom as numbers, got {texts}; mend the file"
+                f"{self.file} line {number}: expected left,top,right,bottom as numbers with left < right and top < bottom, got {texts}; mend the file"
             ) from error
         return left, top, right, bottom
 
@@ -120,4 +123,7 @@ def column(name: str) -> str:
 
 def _below(path: Path, folder: Path) -> bool:
     """Whether a path that a file names stays within the source."""
-    return path.resolve().is_relative_to(folder.resolve())
+    try:
+        return path.resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError):  # a name with a null byte, a link to itself
+        return False
