@@ -1,5 +1,7 @@
 import pytest
+import yaml
 
+from fauna._conf import CONF_DIR
 from fauna.errors import FaunaError
 from fauna.queue.plan import read_plan
 
@@ -50,3 +52,8 @@ def test_a_file_of_ones_own(tmp_path):
     path.write_text("rows: [")
     with pytest.raises(FaunaError, match="mend"):
         read_plan(str(path), [])
+
+
+def test_the_rare_species_of_the_table_are_those_of_the_data():
+    data = yaml.safe_load((CONF_DIR / "data" / "zoo_few_shot.yaml").read_text())
+    assert sorted(read_plan("ablation", []).groups["few_shot"]) == sorted(data["source"]["few_shot"])
