@@ -42,6 +42,7 @@ class Plan:
 
     Attributes:
         experiment: what all runs start from.
+        common: overrides of all runs.
         rows: overrides of each row; the others are compared with the first.
         seeds: of every row.
         more_seeds: further ones of some rows.
@@ -51,6 +52,7 @@ class Plan:
     """
 
     experiment: str
+    common: Sequence[str]
     rows: Mapping[str, Sequence[str]]
     seeds: Sequence[int]
     more_seeds: Mapping[str, Sequence[int]]
@@ -63,7 +65,7 @@ class Plan:
         order = [(row, seed) for seed in self.seeds for row in self.rows]
         further = sorted({seed for seeds in self.more_seeds.values() for seed in seeds})
         order += [(row, seed) for seed in further for row in self.rows if seed in self.more_seeds.get(row, ())]
-        return tuple(Run(row, seed, tuple(self.rows[row])) for row, seed in dict.fromkeys(order))
+        return tuple(Run(row, seed, (*self.common, *self.rows[row])) for row, seed in dict.fromkeys(order))
 
 
 def read_plan(name: str, changes: Sequence[str]) -> Plan:
@@ -125,6 +127,8 @@ def _checked(content: Any) -> Plan:
     plan = Plan(**{**content, "more_seeds": content.get("more_seeds") or {}, "groups": content.get("groups") or {}})
     if not plan.rows or not plan.evaluations:
         raise ValueError("no rows or no evaluations")
+    if not isinstance(plan.common, list) or not all(isinstance(word, str) for word in plan.common):
+        raise ValueError(f"common = {plan.common!r} where a list of words belongs")
     for key in ("rows", "evaluations", "groups"):
         for name, words in getattr(plan, key).items():
             if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
