@@ -353,6 +353,71 @@ def test_archives_larger_than_allowed_or_damaged_are_refused(tmp_path):
     assert refusal("a/../../b") is not None
 
 
+def zipped(path: Path, names: dict[str, bytes]) -> Path:
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in names.items():
+            archive.writestr(zipfile.ZipInfo(name), content)
+    return path
+
+
+def test_an_archive_that_changed_is_unpacked_anew(tmp_path):
+    pictures = [photo(tmp_path / f"{seed}.png", seed).read_bytes() for seed in range(3)]
+    assert len({len(each) for each in pictures}) == 1
+    path = zipped(tmp_path / "pile.zip", {"horse/a.png": pictures[0], "horse/b.png": pictures[1]})
+    before = path.stat()
+    listed(path)
+    folder = tmp_path / "set.work/unpacked/archive"
+    times = {each: each.stat().st_mtime_ns for each in folder.rglob("*")}
+    listed(path)
+    assert {each: each.stat().st_mtime_ns for each in folder.rglob("*")} == times
+    zipped(path, {"horse/a.png": pictures[0], "horse/c.png": pictures[2]})
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns + 1))
+    assert path.stat().st_size == before.st_size
+    _, rows = listed(path)
+    assert [Path(row.source).name for row in rows] == ["a.png", "c.png"]
+    assert (folder / "horse/c.png").read_bytes() == pictures[2]
+
+
+def test_unpacking_that_was_interrupted_goes_on(tmp_path, monkeypatch):
+    from fauna.prepare.sources import archives
+
+    pictures = {f"horse/{seed}.png": photo(tmp_path / f"{seed}.png", seed).read_bytes() for seed in range(3)}
+    path, left = zipped(tmp_path / "pile.zip", pictures), [2]
+    write = archives.write_file
+
+    def full(target, content):
+        left[0] -= 1
+        if left[0] < 0:
+            raise OSError(28, "No space left on device")
+        write(target, content)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(archives, "write_file", full)
+        with pytest.raises(OSError, match="No space left"):
+            unpack(path, tmp_path / "out/archive", max_bytes=1 << 30)
+    time = (tmp_path / "out/archive/horse/0.png").stat().st_mtime_ns
+    assert unpack(path, tmp_path / "out/archive", max_bytes=1 << 30) == ()
+    assert (tmp_path / "out/archive/horse/0.png").stat().st_mtime_ns == time
+    assert len(list((tmp_path / "out/archive").rglob("*.png"))) == 3
+
+
+@pytest.mark.parametrize("names", [("a.jpg", "a.jpg/x.jpg"), ("a.jpg/x.jpg", "a.jpg"), ("/".join(["d" * 250] * 20), "b.jpg")])
+def test_names_that_no_file_can_have_are_refused_by_name(tmp_path, names):
+    path = zipped(tmp_path / "pile.zip", {**dict.fromkeys(names, b"1"), "horse/good.png": photo(tmp_path / "1.png").read_bytes()})
+    refused = unpack(path, tmp_path / "out/archive", max_bytes=1 << 30)
+    assert len(refused) == 1
+    assert refused[0][0] in names
+    assert (tmp_path / "out/archive/horse/good.png").is_file()
+    _, rows = listed(path)
+    assert [row.reasons for row in rows if not row.ok] == [("scan:refused",)]
+
+
+def test_names_of_255_bytes_are_unpacked(tmp_path):
+    path = zipped(tmp_path / "pile.zip", {"horse/" + "n" * 251 + ".png": photo(tmp_path / "1.png").read_bytes()})
+    _, (row,) = listed(path)
+    assert row.ok
+
+
 def test_videos_become_frames_of_one_group(tmp_path):
     av = pytest.importorskip("av")
     path = tmp_path / "in/fox/run.mp4"

@@ -4,7 +4,6 @@ Steps work on shards and know nothing of each other. Between some of them lies a
 ``basis``, ``split``); it is done by whoever comes first, once, while others wait.
 """
 
-import fcntl
 import hashlib
 import heapq
 import json
@@ -16,6 +15,7 @@ from pathlib import Path
 from fauna.errors import FaunaError
 from fauna.prepare.driver import Tally, photos_of, run_step
 from fauna.prepare.duplicates import find_duplicates, judged, photographs
+from fauna.prepare.locks import one_at_a_time
 from fauna.prepare.overrides import read_names
 from fauna.prepare.record import Record, Rows
 from fauna.prepare.settings import Settings, digest
@@ -197,11 +197,9 @@ class Pipeline:
     def _once(self, stage: str, key: str, tables: Sequence[Path]) -> Iterator[bool]:
         """Whether a stage that sees all shards has to be done; others wait meanwhile."""
         folder = self.workspace.work / "stages"
-        folder.mkdir(parents=True, exist_ok=True)
         made = key + "".join(f"\n{hashlib.sha256(table.read_bytes()).hexdigest()}" for table in tables)
         done = folder / f"{stage}.made_from"
-        with (folder / f"{stage}.lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with one_at_a_time(folder / f"{stage}.lock"):
             needed = not done.is_file() or done.read_text(encoding="utf-8") != made
             if needed:
                 done.unlink(missing_ok=True)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from fauna.errors import FaunaError
+from fauna.prepare.locks import only_run
 from fauna.prepare.pipeline import KEYPOINT_NAMES, Pipeline
 from fauna.prepare.place import manifest_files, place, write_manifest
 from fauna.prepare.progress import progress
@@ -37,17 +38,20 @@ def prepare(step: str, source: Path, dest: Path, settings: Settings) -> bool:
             f"shard: expected none for fauna-prepare {step}, got {settings.shard}; only steps on photographs have shards"
         )
     workspace = claim(source, dest, settings)
-    steps = [name for name in IMAGE_STEPS if name != "features" or settings.features.encoder is not None]
-    chosen = steps if step == "all" else [step] if step != "split" else []
-    for name in chosen:
-        run_image_step(name, Pipeline(settings, workspace))
-    if step in ("all", "split"):
-        finish(workspace, settings)
-    if step != "all":
+    if settings.shard is not None:  # journals keep two runs from one shard; different shards go side by side
+        run_image_step(step, Pipeline(settings, workspace))
         return True
-    from fauna.prepare.check import check_set
+    steps = [name for name in IMAGE_STEPS if name != "features" or settings.features.encoder is not None]
+    with only_run(workspace.work, workspace.dest):
+        for name in steps if step == "all" else [step] if step != "split" else []:
+            run_image_step(name, Pipeline(settings, workspace))
+        if step in ("all", "split"):
+            finish(workspace, settings)
+        if step != "all":
+            return True
+        from fauna.prepare.check import check_set
 
-    return check_set(dest, settings)
+        return check_set(dest, settings)
 
 
 def claim(source: Path, dest: Path, settings: Settings) -> Workspace:
@@ -143,7 +147,7 @@ def finish(workspace: Workspace, settings: Settings) -> None:
         from fauna.prepare.sheets import write_sheets
 
         write_sheets(pipeline.tables("filter"), settings, workspace)
-    files = write_manifest(pipeline.merged("split"), workspace.dest, counts.total(), settings.manifest_rows)
+    files = write_manifest(pipeline.merged("split"), workspace, counts.total(), settings.manifest_rows)
     write_report(files, settings, workspace)
     print(
         f"split     {counts['ok']:>9,} animals in {workspace.dest}, {placed:,} files placed anew; report: {workspace.report}",

@@ -1,6 +1,7 @@
 """Where things are: SOURCE is only read, DEST holds the finished set and nothing else, WORK everything on the way to it."""
 
 import contextlib
+import hashlib
 import os
 import re
 from dataclasses import dataclass
@@ -79,7 +80,7 @@ def write_file(path: Path, content: bytes) -> None:
     with contextlib.suppress(OSError):
         if path.stat().st_size == len(content) and path.read_bytes() == content:
             return
-    partial = path.with_name(f".{path.name}.{os.getpid()}{PARTIAL}")  # jobs of one set may write the same file
+    partial = path.with_name(f".{path.name[:40]}.{os.getpid()}{PARTIAL}")  # jobs of one set may write the same file
     try:
         try:
             partial.write_bytes(content)
@@ -91,6 +92,15 @@ def write_file(path: Path, content: bytes) -> None:
         with contextlib.suppress(OSError):
             partial.unlink()
         raise
+
+
+def file_digest(path: Path) -> str | None:
+    """SHA-256 of a file's content as hexadecimal digits, ``None`` where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return None
 
 
 def text_of_path(path: Path) -> str:
