@@ -84,4 +84,3 @@ def test_placing_has_files_of_its_own(pile, tmp_path, monkeypatch):
     run(pile, tmp_path / "set")
     assert names
     assert all(f".{place.os.getpid()}." in name for name in names)
-

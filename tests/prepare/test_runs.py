@@ -274,7 +274,10 @@ def test_commands_end_as_documented(pile, whole, tmp_path):
         (("all", str(pile)), "DEST"),
         (("bake", "a", "b"), "invalid choice"),
         (("all", str(pile), str(tmp_path / "x"), "crop.sizes=3"), "crop.sizes: expected a key of conf/prepare.yaml"),
-        (("all", str(pile), str(tmp_path / "x"), "crop.size=big"), "crop.size: expected a value like 256"),
+        (
+            ("all", str(pile), str(tmp_path / "x"), "crop.size=big"),
+            "crop.size: expected a whole number from 32 to 2,048",
+        ),
         (("check", str(tmp_path)), "expected a set of fauna-prepare"),
     ):
         ended = call(*words)
@@ -307,3 +310,16 @@ def test_the_workspace_is_plain_data():
     workspace = Workspace(Path("a"), Path("b"), Path("c"))
     assert pickle.loads(pickle.dumps(workspace)) == workspace
     assert kill_runs
+
+
+def test_odd_names_are_one_line_in_the_table_of_an_audit(pile, tmp_path, capsys):
+    from fauna.prepare.check import check_set
+
+    dest = tmp_path / "set"
+    run(pile, dest, "features.encoder=null")
+    odd = dest / "horse" / "train" / "[red]two\nlines_rgb.jpg"
+    odd.write_bytes(sorted(dest.rglob("*_rgb.jpg"))[0].read_bytes())
+    capsys.readouterr()
+    assert not check_set(dest, prepare_settings(QUICK))
+    told = capsys.readouterr().out.replace(" ", "").replace("│", "").replace("\n", "")
+    assert r"[red]two\nlines_rgb.jpg" in told

@@ -90,4 +90,3 @@ def _log(workspace: Workspace, stage: str, shard: Shard, tally: Tally) -> None:
     entry["seconds"] = round(tally.seconds, 3)
     with (workspace.logs / "timings.jsonl").open("a", encoding="utf-8") as file:
         file.write(json.dumps(entry) + "\n")
-

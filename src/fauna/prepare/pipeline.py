@@ -16,7 +16,7 @@ from fauna.errors import FaunaError
 from fauna.prepare.driver import Tally, photos_of, run_step
 from fauna.prepare.duplicates import find_duplicates, judged, photographs
 from fauna.prepare.locks import one_at_a_time
-from fauna.prepare.overrides import read_names
+from fauna.prepare.overrides import expect_known, read_names, read_overrides
 from fauna.prepare.record import Record, Rows
 from fauna.prepare.settings import Settings, digest
 from fauna.prepare.shard import Shard, parse_shard
@@ -142,11 +142,21 @@ class Pipeline:
                     if status == "ok":
                         members.add(species, cluster or photo)
         split = choose_split(members, self.settings.split)
-        backs = self.settings.split.back_views
-        back_views = read_names(None if backs is None else Path(backs), "split.back_views")
+        self.expect_known(self.last())
+        back_views = self._back_views()
         for table, new in zip(before, self.tables("split"), strict=True):
             write_table(new, assigned(read_table(table), split, back_views))
         return split
+
+    def expect_known(self, stage: str) -> None:
+        """Refuse lists of a user that name what the tables of a stage do not have."""
+        path = self.settings.overrides
+        verdicts = read_overrides(None if path is None else Path(path)).verdicts
+        expect_known({"overrides": verdicts, "split.back_views": self._back_views()}, self.tables(stage))
+
+    def _back_views(self) -> frozenset[str]:
+        path = self.settings.split.back_views
+        return read_names(None if path is None else Path(path), "split.back_views")
 
     def rows(self, stage: str) -> Iterator[Record]:
         """The rows of all shards, one shard after the other."""

@@ -13,7 +13,7 @@ from fauna.prepare.progress import progress
 from fauna.prepare.settings import Settings
 from fauna.prepare.steps import IMAGE_STEPS
 from fauna.prepare.tables import read_columns
-from fauna.prepare.workspace import Workspace, write_file
+from fauna.prepare.workspace import Workspace, shown, write_file
 
 CLAIM = "set.txt"
 
@@ -116,6 +116,8 @@ def run_image_step(name: str, pipeline: Pipeline) -> None:
     print(f"{name:<9} {photos:>9,} photographs, {worked:,} worked on{each}; {_account(counts)}", flush=True)
     if pipeline.settings.shard is None:
         _expect_some(counts, pipeline.workspace)
+    if name == "mask" and pipeline.settings.shard is None:
+        pipeline.expect_known("mask")
     if name == "filter" and pipeline.settings.shard is None:
         from fauna.prepare.sheets import write_sheets
 
@@ -150,7 +152,8 @@ def finish(workspace: Workspace, settings: Settings) -> None:
     files = write_manifest(pipeline.merged("split"), workspace, counts.total(), settings.manifest_rows)
     write_report(files, settings, workspace)
     print(
-        f"split     {counts['ok']:>9,} animals in {workspace.dest}, {placed:,} files placed anew; report: {workspace.report}",
+        f"split     {counts['ok']:>9,} animals in {shown(str(workspace.dest))}, {placed:,} files placed anew; "
+        f"report: {shown(str(workspace.report))}",
         flush=True,
     )
 

@@ -66,7 +66,9 @@ class Naming:
             found, root = path.resolve(), self.workspace.root.resolve()
             if found.is_relative_to(root):
                 return text_of_path(found.relative_to(root))
-        raise FaunaError(f"{path}: expected a file below SOURCE ({self.workspace.root}), got one elsewhere; move it there")
+        raise FaunaError(
+            f"{path}: expected a file below SOURCE ({self.workspace.root}), got one elsewhere; move it there"
+        )
 
     def named(self, species: str | None) -> str:
         """Folder name of a species, renamed as the settings say."""
@@ -101,8 +103,8 @@ class Naming:
         row = Record(
             id=row_id(photo, instance), photo=photo, instance=instance, dataset=self.dataset, source=source,
             species=_shortened(name), group=group or source,
-            licence=licence or self.settings.licence or UNKNOWN,
-            provenance=provenance or self.settings.provenance or self.provenance, **facts,
+            licence=_utf8(licence) or self.settings.licence or UNKNOWN,
+            provenance=_utf8(provenance) or self.settings.provenance or self.provenance, **facts,
         )  # fmt: skip
         if row.species == name:
             return row
@@ -122,7 +124,7 @@ class Naming:
         photo = hashlib.blake2b(f"{self.dataset}\0{source}\0unusable".encode(), digest_size=8).hexdigest()
         row = Record(
             id=row_id(photo, 0), photo=photo, instance=0, dataset=self.dataset, source=source,
-            species=_shortened(self.named(species)), group=source, origin=f"{source}: {reason}",
+            species=_shortened(self.named(species)), group=source, origin=_utf8(f"{source}: {reason}"),
         )  # fmt: skip
         return row.rejected("scan", word)
 
@@ -135,6 +137,11 @@ class Naming:
         """
         name = os.path.relpath(str(error.filename or root), root)
         return self.unusable(name, error.strerror or type(error).__name__, "unreadable")
+
+
+def _utf8(text: str | None) -> str | None:
+    """Text without what no table can hold: halves of characters, which JSON may spell."""
+    return None if text is None else text.encode("utf-8", "replace").decode()
 
 
 def _shortened(name: str) -> str:
