@@ -322,4 +322,4 @@ def test_odd_names_are_one_line_in_the_table_of_an_audit(pile, tmp_path, capsys)
     capsys.readouterr()
     assert not check_set(dest, prepare_settings(QUICK))
     told = capsys.readouterr().out.replace(" ", "").replace("│", "").replace("\n", "")
-    assert r"[red]two\nlines_rgb.jpg" in told
+    assert r"[red]two\nlines" in told

@@ -22,8 +22,8 @@ class Number:
         null: whether ``null`` will do.
     """
 
-    low: float
-    high: float
+    low: float | int
+    high: float | int
     whole: bool = False
     null: bool = False
 
@@ -149,7 +149,7 @@ RULES: Mapping[str, Rule] = {
     "crop.size": _whole(32, 2048),
     "crop.jpeg_quality": _whole(1, 100),
     "filter.min_extent": _whole(0, 100_000, null=True),
-    "filter.min_sharpness": Number(0, 10**6, null=True),
+    "filter.min_sharpness": Number(0, 10**9, null=True),
     "filter.max_truncation": PERHAPS_SHARE,
     "filter.max_occlusion": PERHAPS_SHARE,
     "filter.min_fill": PERHAPS_SHARE,
@@ -243,5 +243,5 @@ def _shown(value: object) -> str:
     return "nothing" if value is None else repr(list(value) if isinstance(value, tuple) else value)[:80]
 
 
-def _plain(number: float) -> str:
+def _plain(number: float | int) -> str:
     return f"{number:,}" if isinstance(number, int) else f"{number:g}"
