@@ -224,6 +224,8 @@ def test_folders_that_cannot_be_used_are_refused(pile, tmp_path):
             run(pile, dest)
     with pytest.raises(FaunaError, match="which does not exist"):
         run(tmp_path / "nothing", tmp_path / "set")
+    with pytest.raises(FaunaError, match=r"DEST: expected a folder whose name is UTF-8 text, got .*odd.udcff;"):
+        run(pile, tmp_path / os.fsdecode(b"odd\xff"))
     with pytest.raises(FaunaError, match="the set and the way to it"):
         run(pile, tmp_path / "set", f"work={tmp_path / 'set' / 'work'}")
 
@@ -317,9 +319,9 @@ def test_odd_names_are_one_line_in_the_table_of_an_audit(pile, tmp_path, capsys)
 
     dest = tmp_path / "set"
     run(pile, dest, "features.encoder=null")
-    odd = dest / "horse" / "train" / "[red]two\nlines_rgb.jpg"
+    odd = dest / "horse" / "train" / "[red]two\x1blines_rgb.jpg"
     odd.write_bytes(sorted(dest.rglob("*_rgb.jpg"))[0].read_bytes())
     capsys.readouterr()
     assert not check_set(dest, prepare_settings(QUICK))
     told = capsys.readouterr().out.replace(" ", "").replace("│", "").replace("\n", "")
-    assert r"[red]two\nlines" in told
+    assert r"[red]two\x1blines" in told

@@ -189,7 +189,7 @@ def test_a_photograph_named_by_an_absolute_path_through_a_link(tmp_path):
     assert (row.source, row.given_mask) == ("1.png", "file:2.png")
 
 
-@pytest.mark.parametrize("box", ["nan,1,9,9", "9,1,1,9", "1,1,inf,9", "a,1,9,9", "1,,,"])
+@pytest.mark.parametrize("box", ["nan,1,9,9", "9,1,1,9", "1,1,inf,9", "-1e308,1,1e308,9", "a,1,9,9", "1,,,"])
 def test_a_box_that_is_none_leaves_out_its_line(tmp_path, box):
     text = f"image,species,left,top,right,bottom\n1.png,fox,{box}\n2.png,fox,1,1,9,9\n"
     _, rows = listed(table(tmp_path / "in", text))
@@ -277,6 +277,8 @@ BROKEN = {
     "empty box": {"bbox": [9, 9, -4, 0], "segmentation": None},
     "keypoints": {"keypoints": [1, 2]},
     "fewer keypoints": {"keypoints": [1, 2, 1]},
+    "far keypoint": {"keypoints": [1e308, 2, 1, 3, 4, 1, 5, 6, 1]},
+    "far box": {"bbox": [1e308, 1, 1e308, 9]},
     "image": {"image_id": None},
     "no image": {"image_id": 77},
     "category": {"category_id": [1]},

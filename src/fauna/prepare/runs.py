@@ -67,6 +67,10 @@ def claim(source: Path, dest: Path, settings: Settings) -> Workspace:
         raise FaunaError(f"DEST: expected the name of a folder, got {dest}; choose another")
     work = dest.with_name(f"{dest.name}.work") if settings.work is None else Path(settings.work).expanduser().absolute()
     for name, folder in (("DEST", dest), ("work", work)):
+        if not _is_text(folder):
+            raise FaunaError(
+                f"{name}: expected a folder whose name is UTF-8 text, got {shown(str(folder))}; choose another"
+            )
         if folder.exists() and not folder.is_dir():
             raise FaunaError(f"{name}: expected a folder, got {folder}, which is a file; choose another")
         if source.is_dir() and folder.resolve().is_relative_to(source):
@@ -93,6 +97,14 @@ def claim(source: Path, dest: Path, settings: Settings) -> Workspace:
         write_file(known, f"{dest}\n{source}\n".encode("utf-8", "surrogateescape"))
     dest.mkdir(parents=True, exist_ok=True)
     return Workspace(source, dest, work)
+
+
+def _is_text(folder: Path) -> bool:
+    """Whether every part of the name is UTF-8: Parquet takes no other."""
+    try:
+        return bool(str(folder).encode())
+    except UnicodeEncodeError:
+        return False
 
 
 def run_image_step(name: str, pipeline: Pipeline) -> None:

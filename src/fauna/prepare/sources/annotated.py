@@ -16,7 +16,7 @@ from fauna.errors import FaunaError
 from fauna.prepare.masks_given import ONE, text_of_mask
 from fauna.prepare.record import Point, Record, Rows
 from fauna.prepare.sources.base import Source
-from fauna.prepare.sources.naming import Naming
+from fauna.prepare.sources.naming import FARTHEST, Naming
 from fauna.prepare.workspace import text_of_path
 
 
@@ -79,6 +79,9 @@ class AnnotatedSource(Source):
         names = self.keypoint_names
         if animal.keypoints is not None and names is not None and len(animal.keypoints) != len(names):
             return LeftOut(animal.name, f"has {len(animal.keypoints)} keypoints for {len(names)} names")
+        places = [*(animal.box or ()), *(side for point in animal.keypoints or () for side in point[:2])]
+        if any(abs(place) > FARTHEST for place in places):
+            return LeftOut(animal.name, "has a box or keypoint farther away than any photograph reaches")
         if animal.box is not None and animal.mask is None and not _has_area(animal.box):
             return LeftOut(animal.name, f"its box {animal.box} is empty")
         if isinstance(animal.mask, MaskFile):

@@ -14,6 +14,8 @@ from fauna.prepare.settings import SourceSettings
 from fauna.prepare.workspace import Workspace, text_of_path
 
 UNKNOWN = "unknown"
+FARTHEST = 1e7
+"""Pixels from the corner of a photograph: what is annotated beyond is no place in it."""
 LONGEST_NAME, LONGEST_SHOWN = 200, 40
 """Bytes of a species' name, which is that of a folder; letters of one that is longer."""
 PROVENANCE = {

@@ -1,7 +1,6 @@
 """A CSV file with a row for each animal: ``image,species`` and, if known, ``mask,licence,provenance,group,left,top,right,bottom``."""
 
 import csv
-import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from fauna.errors import FaunaError
 from fauna.prepare.masks_given import ONE
 from fauna.prepare.record import Record, Rows
 from fauna.prepare.sources.base import Source
-from fauna.prepare.sources.naming import Naming
+from fauna.prepare.sources.naming import FARTHEST, Naming
 
 COLUMNS = ("image", "species", "mask", "licence", "provenance", "group", "left", "top", "right", "bottom")
 BOX = COLUMNS[-4:]
@@ -150,5 +149,6 @@ def _box(values: Mapping[str, str]) -> tuple[float, float, float, float] | None:
         left, top, right, bottom = (float(values.get(key) or "") for key in BOX)
     except ValueError:
         return None
-    good = math.isfinite(left + top + right + bottom) and left < right and top < bottom
+    near = all(abs(side) <= FARTHEST for side in (left, top, right, bottom))  # not so for what is no number
+    good = near and left < right and top < bottom
     return (left, top, right, bottom) if good else None
