@@ -293,6 +293,7 @@ def test_commands_end_as_documented(pile, whole, tmp_path):
 
 
 def test_names_that_are_no_utf8_are_prepared(tmp_path):
+    odd = tmp_path / "pile" / os.fsdecode(b"two\nlines \xff")
     photographs(tmp_path / "pile" / "animals", {"horse": 3})
     folder = os.fsencode(tmp_path / "pile" / "animals" / "horse")
     try:
@@ -300,7 +301,9 @@ def test_names_that_are_no_utf8_are_prepared(tmp_path):
             os.rename(folder + b"/001" + end, folder + b"/\xff1" + end)
     except OSError:
         pytest.skip("this file system has no such names")
-    assert run(tmp_path / "pile" / "animals", tmp_path / "set")
+    (tmp_path / "pile" / "animals").rename(odd)
+    assert run(odd, tmp_path / "set")
+    assert run(odd, tmp_path / "set")
     rows = list(read_table(tmp_path / "set" / "manifest.parquet"))
     assert "horse/%FF1.png" in {row.source for row in rows}
     assert all(row.ok for row in rows)

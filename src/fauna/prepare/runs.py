@@ -82,12 +82,13 @@ def claim(source: Path, dest: Path, settings: Settings) -> Workspace:
     if work.is_relative_to(dest) or dest.is_relative_to(work):
         raise FaunaError(f"work: expected a folder beside DEST, got {work}; the set and the way to it are kept apart")
     known = work / CLAIM
-    told = known.read_text(encoding="utf-8", errors="surrogateescape").splitlines() if known.is_file() else []
-    begun = told[:1] == [str(dest)]
-    if begun and told[1:] != [str(source)]:
+    told = known.read_text(encoding="utf-8", errors="surrogateescape") if known.is_file() else ""
+    begun = told.startswith(f"{dest}\n")
+    before = told.removeprefix(f"{dest}\n").removesuffix("\n")
+    if begun and before != str(source):
         raise FaunaError(
-            f"SOURCE: expected {' '.join(told[1:])}, which {dest} is made from, got {source}; choose another DEST, or write the new "
-            f"place into {known} if it was moved"
+            f"SOURCE: expected {shown(before)}, which {dest} is made from, got {shown(str(source))}; choose another DEST, or write the "
+            f"new place into {known} if it was moved"
         )
     if not begun and dest.is_dir() and any(dest.iterdir()) and not manifest_files(dest):
         raise FaunaError(
