@@ -317,14 +317,14 @@ def test_the_workspace_is_plain_data():
     assert kill_runs
 
 
-def test_odd_names_are_one_line_in_the_table_of_an_audit(pile, tmp_path, capsys):
+def test_odd_names_are_one_line_in_the_table_of_an_audit(pile, tmp_path, capsys, monkeypatch):
     from fauna.prepare.check import check_set
 
+    monkeypatch.setenv("COLUMNS", "200")
     dest = tmp_path / "set"
     run(pile, dest, "features.encoder=null")
     odd = dest / "horse" / "train" / "[red]two\x1blines_rgb.jpg"
     odd.write_bytes(sorted(dest.rglob("*_rgb.jpg"))[0].read_bytes())
     capsys.readouterr()
     assert not check_set(dest, prepare_settings(QUICK))
-    told = capsys.readouterr().out.replace(" ", "").replace("│", "").replace("\n", "")
-    assert r"[red]two\x1blines" in told
+    assert r"[red]two\x1blines is not in the manifest" in capsys.readouterr().out
