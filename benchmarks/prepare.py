@@ -86,7 +86,7 @@ def _finish(pipeline: Pipeline, settings: Settings, workspace: Workspace, count:
     size = sum(path.stat().st_size for path in workspace.dest.rglob("*") if path.is_file())
     found = [_row("split and place", count, seconds, size / count)]
     start = time.perf_counter()
-    (manifest,) = write_manifest(pipeline.merged("split"), workspace.dest, count, settings.manifest_rows)
+    (manifest,) = write_manifest(pipeline.merged("split"), workspace, count, settings.manifest_rows)
     found.append(_row("manifest", count, time.perf_counter() - start, manifest.stat().st_size / count))
     kept = ("tables", "journals")
     size = sum(path.stat().st_size for name in kept for path in (workspace.work / name).rglob("*") if path.is_file())

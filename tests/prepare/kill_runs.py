@@ -45,6 +45,9 @@ class Traced(Step):
     def outputs(self, rows):
         return self.step.outputs(rows)
 
+    def intact(self, rows):
+        return self.step.intact(rows)
+
     def __call__(self, rows):
         os.write(self.trace, b"s")
         return self.step(rows)

@@ -1,5 +1,6 @@
 import hashlib
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,10 +11,12 @@ from fauna.data.photo_loader import PhotoLoader
 from fauna.data.sources import FaunaFolder
 from fauna.errors import FaunaError
 from fauna.prepare.basis import encode_crop, fit_basis, read_basis
+from fauna.prepare.check import audit_set, check_set
+from fauna.prepare.crop import texts_of
 from fauna.prepare.features import FeatureStep
 from fauna.prepare.pack import pack_set
 from fauna.prepare.settings import prepare_settings
-from fauna.prepare.tables import write_table
+from fauna.prepare.tables import read_table, write_table
 from tests.prepare.piles import animal, flat, opened, put, through
 
 WORDS = ("mask.segmenter=none", "features.encoder=tiny", "filter.min_sharpness=null")
@@ -100,14 +103,19 @@ def crops(prepared, tmp_path):
     _, settings, workspace = fitted(folder, rows)
     step = FeatureStep(settings=settings, workspace=workspace)
     root = tmp_path / "set"
+    listed = []
     for number, row in enumerate(rows):
-        step((row,))
-        target = root / row.species / ("train", "val")[number == 5]
+        points = ((61.5, 42.0, 1.0), (0.0, 0.0, 0.0))
+        row = replace(step((row,))[0], split=("train", "val")[number == 5], keypoints=points, cluster=row.photo)
+        target = root / row.species / str(row.split)
         target.mkdir(parents=True, exist_ok=True)
         for end in ("rgb.jpg", "mask.png", "box.txt", "feat16.png"):
             (target / f"{row.id}_{end}").write_bytes(workspace.crop(row.id, end).read_bytes())
-        (target / f"{row.id}_keypoints.json").write_text('{"keypoints": [[1, 2, 1], [3, 4, 0]]}')
+        text = texts_of(row, settings.crop.size)["keypoints.json"]
+        (target / f"{row.id}_keypoints.json").write_bytes(text)
+        listed.append(row)
     (root / "keypoint_names.json").write_text('{"keypoint_names": ["left_eye", "tailbase"]}')
+    write_table(root / "manifest.parquet", listed)
     return root
 
 
@@ -186,6 +194,69 @@ def test_members_are_named_so_that_the_files_of_a_crop_are_one_sample(crops):
         "keypoints.json",
         "feat16.png",
     }
+
+
+def faults(root):
+    return {
+        name: found.example
+        for name, found in audit_set(root, prepare_settings(WORDS)).findings.items()
+        if found.faults and found.fatal
+    }
+
+
+def test_packed_sets_are_audited_as_folders_are(crops, capsys):
+    out = packed(crops)
+    assert faults(crops) == {}
+    assert faults(out) == {}
+    assert check_set(out, prepare_settings(WORDS))
+    assert "sound" in capsys.readouterr().out
+    one, two = (audit_set(root, prepare_settings(WORDS)).findings for root in (crops, out))
+    assert two.pop("shards").looked_at > 1
+    assert {name: found.looked_at for name, found in one.items()} == {
+        name: found.looked_at for name, found in two.items()
+    }
+
+
+def test_damage_in_packed_sets_is_found(crops):
+    out = packed(crops)
+    shard = out / "00000.tar"
+    whole = shard.read_bytes()
+    place = whole.index(b"\xff\xd8\xff") + 300  # in a photograph
+    shard.write_bytes(whole[:place] + bytes([whole[place] ^ 255]) + whole[place + 1 :])
+    assert {"shards", "files"} <= set(faults(out))
+    assert "00000.tar: changed since it was packed" in faults(out)["shards"]
+    shard.unlink()
+    assert "00000.tar: is not there" in faults(out)["shards"]
+    shard.write_bytes(whole)
+    assert faults(out) == {}
+    rows = list(read_table(out / "manifest.parquet"))
+    write_table(out / "manifest.parquet", rows[1:])
+    assert list(faults(out)) == ["no strays"]
+    write_table(out / "manifest.parquet", [*rows, replace(rows[0], id=f"{rows[0].photo}_07", cluster="f" * 16)])
+    assert "in no shard" in faults(out)["files"]
+    (out / "00000.parquet").write_bytes(b"no table")
+    assert "expects the index of 00000.tar" in faults(out)["shards"]
+
+
+def test_only_finished_sets_are_packed(crops, tmp_path):
+    def refused(root, told):
+        with pytest.raises(FaunaError, match=told) as error:
+            pack_set(root, tmp_path / "new", prepare_settings([]))
+        assert "\n" not in str(error.value)
+        assert not (tmp_path / "new").exists()
+
+    mask = sorted(crops.rglob("*_mask.png"))[0]
+    content = mask.read_bytes()
+    mask.unlink()
+    refused(crops, "expected a finished set, got one in which .*_mask.png is missing; run fauna-prepare all")
+    mask.write_bytes(content)
+    stray = mask.with_name("mine_rgb.jpg")
+    stray.write_bytes(b"")
+    refused(crops, "horse/train/mine is not in its manifest")
+    stray.unlink()
+    refused(packed(crops), "which is packed")
+    (crops / "manifest.parquet").unlink()
+    refused(crops, "expected a set of fauna-prepare with a manifest.parquet, got none")
 
 
 def test_cut_shards_and_damaged_indexes_are_told(crops):

@@ -81,6 +81,28 @@ def test_labels_of_a_video_are_one_animal_each(tmp_path):
     assert (masks_of(tmp_path, rows)[0] == mask).all()
 
 
+@pytest.mark.parametrize(
+    "segmentation",
+    [
+        [[float("nan"), 30, 100, 30, 100, 90]],
+        [[float("inf"), 30, 100, 30, 100, 90]],
+        {"size": [10**9, 10**9], "counts": [0, 10**18]},
+        {"size": [HEIGHT, WIDTH], "counts": "\x01"},
+        {"size": [HEIGHT, WIDTH], "counts": [1, 2, 3]},
+    ],
+)
+def test_masks_of_annotation_files_that_are_none_are_told(tmp_path, segmentation):
+    put(tmp_path / "in", "a", animal(40, 30), beside=False)
+    content = {
+        "images": [{"id": 1, "file_name": "a.png", "width": WIDTH, "height": HEIGHT}],
+        "categories": [{"id": 1, "name": "cow"}],
+        "annotations": [{"id": 1, "image_id": 1, "category_id": 1, "segmentation": segmentation}],
+    }
+    (tmp_path / "in/annotations.json").write_text(json.dumps(content))
+    (row,) = flat(through(tmp_path, steps=("scan", "mask")))
+    assert row.reasons[0] in ("mask:bad_mask", "mask:no_animal")
+
+
 @pytest.mark.parametrize("orientation", [1, 3, 6, 8])
 @pytest.mark.parametrize("kind", ["rle", "polygons"])
 def test_masks_of_annotation_files_turn_with_the_photograph(tmp_path, orientation, kind):

@@ -56,9 +56,27 @@ def test_the_manifest_is_sorted_and_says_everything(whole):
 
 
 def test_a_second_run_changes_no_byte_and_no_time(pile, whole):
-    before = {path: (path.stat().st_mtime_ns, path.stat().st_ino) for path in whole.rglob("*")}
+    def looks():
+        return {path: (path.stat().st_mtime_ns, path.stat().st_ino) for path in (whole, *whole.rglob("*"))}
+
+    before = looks()
     assert run(pile, whole)
-    assert {path: (path.stat().st_mtime_ns, path.stat().st_ino) for path in whole.rglob("*")} == before
+    assert looks() == before
+
+
+@pytest.mark.parametrize("end", ["rgb.jpg", "mask.png", "box.txt", "feat16.png"])
+def test_what_is_written_over_in_the_set_is_made_again(pile, whole, tmp_path, end):
+    """Files of the set are links to those of the work folder: damage is in both."""
+    dest = tmp_path / "set"
+    run(pile, dest)
+    path = sorted(dest.rglob(f"*_{end}"))[0]
+    with path.open("r+b") as file:
+        file.write(b"damage")
+    if end != "box.txt":
+        with pytest.raises(FaunaError, match="expected the file that was made, got other bytes"):
+            run(pile, dest, step="split")
+    assert run(pile, dest)
+    assert digests(dest) == digests(whole)
 
 
 def test_without_the_work_folder_the_same_set_comes_out(pile, whole, tmp_path):
@@ -206,6 +224,8 @@ def test_folders_that_cannot_be_used_are_refused(pile, tmp_path):
             run(pile, dest)
     with pytest.raises(FaunaError, match="which does not exist"):
         run(tmp_path / "nothing", tmp_path / "set")
+    with pytest.raises(FaunaError, match=r"DEST: expected a folder whose name is UTF-8 text, got .*odd.udcff;"):
+        run(pile, tmp_path / os.fsdecode(b"odd\xff"))
     with pytest.raises(FaunaError, match="the set and the way to it"):
         run(pile, tmp_path / "set", f"work={tmp_path / 'set' / 'work'}")
 
@@ -256,7 +276,10 @@ def test_commands_end_as_documented(pile, whole, tmp_path):
         (("all", str(pile)), "DEST"),
         (("bake", "a", "b"), "invalid choice"),
         (("all", str(pile), str(tmp_path / "x"), "crop.sizes=3"), "crop.sizes: expected a key of conf/prepare.yaml"),
-        (("all", str(pile), str(tmp_path / "x"), "crop.size=big"), "crop.size: expected a value like 256"),
+        (
+            ("all", str(pile), str(tmp_path / "x"), "crop.size=big"),
+            "crop.size: expected a whole number from 32 to 2,048",
+        ),
         (("check", str(tmp_path)), "expected a set of fauna-prepare"),
     ):
         ended = call(*words)
@@ -270,6 +293,7 @@ def test_commands_end_as_documented(pile, whole, tmp_path):
 
 
 def test_names_that_are_no_utf8_are_prepared(tmp_path):
+    odd = tmp_path / "pile" / os.fsdecode(b"two\nlines \xff")
     photographs(tmp_path / "pile" / "animals", {"horse": 3})
     folder = os.fsencode(tmp_path / "pile" / "animals" / "horse")
     try:
@@ -277,7 +301,9 @@ def test_names_that_are_no_utf8_are_prepared(tmp_path):
             os.rename(folder + b"/001" + end, folder + b"/\xff1" + end)
     except OSError:
         pytest.skip("this file system has no such names")
-    assert run(tmp_path / "pile" / "animals", tmp_path / "set")
+    (tmp_path / "pile" / "animals").rename(odd)
+    assert run(odd, tmp_path / "set")
+    assert run(odd, tmp_path / "set")
     rows = list(read_table(tmp_path / "set" / "manifest.parquet"))
     assert "horse/%FF1.png" in {row.source for row in rows}
     assert all(row.ok for row in rows)
@@ -289,3 +315,16 @@ def test_the_workspace_is_plain_data():
     workspace = Workspace(Path("a"), Path("b"), Path("c"))
     assert pickle.loads(pickle.dumps(workspace)) == workspace
     assert kill_runs
+
+
+def test_odd_names_are_one_line_in_the_table_of_an_audit(pile, tmp_path, capsys, monkeypatch):
+    from fauna.prepare.check import check_set
+
+    monkeypatch.setenv("COLUMNS", "200")
+    dest = tmp_path / "set"
+    run(pile, dest, "features.encoder=null")
+    odd = dest / "horse" / "train" / "[red]two\x1blines_rgb.jpg"
+    odd.write_bytes(sorted(dest.rglob("*_rgb.jpg"))[0].read_bytes())
+    capsys.readouterr()
+    assert not check_set(dest, prepare_settings(QUICK))
+    assert r"[red]two\x1blines is not in the manifest" in capsys.readouterr().out

@@ -14,6 +14,8 @@ from fauna.errors import FaunaError
 from fauna.prepare.settings import prepare_settings
 from fauna.prepare.sources.archives import refusal, unpack
 from fauna.prepare.sources.detect import open_source
+from fauna.prepare.steps import build_step
+from fauna.prepare.tables import read_table, write_table
 from fauna.prepare.workspace import Workspace
 from tests.data.readers.fixtures import ANIMALS, HEIGHT, WIDTH, annotation, coco_content, ellipse, photograph
 
@@ -102,6 +104,30 @@ def test_a_folder_that_cannot_be_listed_is_a_row_with_a_reason(tmp_path, monkeyp
     assert "Permission denied" in (rows[1].origin or "")
 
 
+@pytest.mark.parametrize("kind", ["folders", "pairs"])
+def test_ids_of_folders_that_cannot_be_listed_do_not_depend_on_the_place(tmp_path, monkeypatch, kind):
+    real = os.scandir
+
+    def scandir(path):
+        if str(path).endswith("secret"):
+            raise PermissionError(13, "Permission denied", str(path))
+        return real(path)
+
+    monkeypatch.setattr(os, "scandir", scandir)
+    found = []
+    for place in ("here", "there"):
+        inner = tmp_path / place / "in" / ("images" if kind == "pairs" else "")
+        photo(inner / "horse/a.png")
+        (inner / "secret").mkdir()
+        if kind == "pairs":
+            mask(tmp_path / place / "in/masks/horse/a.png")
+        source, rows = listed(tmp_path / place / "in")
+        assert source.kind == kind
+        found.append([row for row in rows if not row.ok])
+    assert len(found[0]) == 1
+    assert found[0] == found[1]
+
+
 def test_table_groups_animals_of_a_photograph_and_names_what_is_missing(tmp_path):
     photo(tmp_path / "in/p/1.png")
     mask(tmp_path / "in/m/1.png")
@@ -124,12 +150,75 @@ def test_table_groups_animals_of_a_photograph_and_names_what_is_missing(tmp_path
     assert [row.source for row in alone] == [row.source for row in rows]
 
 
-def test_table_that_comes_back_to_a_photograph_is_refused(tmp_path):
-    photo(tmp_path / "in/1.png")
-    photo(tmp_path / "in/2.png")
-    (tmp_path / "in/list.csv").write_text("image,species\n1.png,fox\n2.png,fox\n1.png,fox\n")
+def table(folder: Path, text: str) -> Path:
+    for name in ("1.png", "2.png"):
+        photo(folder / name, int(name[0]))
+    (folder / "list.csv").write_text(text)
+    return folder
+
+
+def test_table_that_comes_back_to_a_photograph_with_another_animal_is_refused(tmp_path):
+    text = "image,species,left,top,right,bottom\n1.png,fox,,,,\n2.png,fox,,,,\n./1.png,fox,1,1,9,9\n"
     with pytest.raises(FaunaError, match="line 4: expected all animals of 1.png in one place"):
-        listed(tmp_path / "in")
+        listed(table(tmp_path / "in", text))
+
+
+@pytest.mark.parametrize(
+    "lines", [("1.png", "./1.png", "2.png"), ("1.png", "2.png", "./1.png"), ("2.png", "1.png", "1.png")]
+)
+def test_a_line_that_says_the_same_again_is_left_out_by_name(tmp_path, lines):
+    text = "image,species\n" + "".join(f"{name},fox\n" for name in lines)
+    _, rows = listed(table(tmp_path / "in", text))
+    assert sorted(row.source for row in rows if row.ok) == ["1.png", "2.png"]
+    (again,) = (row for row in rows if not row.ok)
+    assert again.reasons == ("scan:annotation",)
+    assert "names the same animal as line" in (again.origin or "")
+
+
+def test_two_spellings_of_a_photograph_are_its_animals(tmp_path):
+    text = "image,species,left,top,right,bottom\n1.png,fox,1,1,9,9\n./1.png,fox,20,1,40,9\n2.png,fox,,,,\n"
+    _, rows = listed(table(tmp_path / "in", text))
+    assert [(row.source, row.instance) for row in rows] == [("1.png", 0), ("1.png", 1), ("2.png", 0)]
+
+
+def test_a_photograph_named_by_an_absolute_path_through_a_link(tmp_path):
+    folder = table(tmp_path / "in", "")
+    (tmp_path / "link").symlink_to(folder)
+    (folder / "list.csv").write_text(f"image,species,mask\n{tmp_path / 'link'}/1.png,fox,{tmp_path / 'link'}/2.png\n")
+    _, (row,) = listed(folder)
+    assert (row.source, row.given_mask) == ("1.png", "file:2.png")
+
+
+@pytest.mark.parametrize("box", ["nan,1,9,9", "9,1,1,9", "1,1,inf,9", "-1e308,1,1e308,9", "a,1,9,9", "1,,,"])
+def test_a_box_that_is_none_leaves_out_its_line(tmp_path, box):
+    text = f"image,species,left,top,right,bottom\n1.png,fox,{box}\n2.png,fox,1,1,9,9\n"
+    _, rows = listed(table(tmp_path / "in", text))
+    assert [(row.source, row.ok) for row in rows] == [("list.csv line 2", False), ("2.png", True)]
+    assert "expected left,top,right,bottom as numbers" in (rows[0].origin or "")
+
+
+@pytest.mark.parametrize("name", ["n" * 300 + ".png", "../outside.png", "a/" * 3000 + "1.png"])
+def test_names_that_no_file_can_have_leave_out_their_line(tmp_path, name):
+    photo(tmp_path / "outside.png")
+    _, rows = listed(table(tmp_path / "in", f"image,species,mask\n{name},fox,\n1.png,fox,{name}\n2.png,fox,\n"))
+    assert [row.reasons for row in rows if not row.ok][0] == ("scan:missing",)
+    assert [row.source for row in rows if row.ok][-1] == "2.png"
+
+
+def test_tables_in_archives_are_read(tmp_path):
+    path = zipped(
+        tmp_path / "pile.zip",
+        {"list.csv": b"image,species\na.png,fox\n", "a.png": photo(tmp_path / "1.png").read_bytes()},
+    )
+    source, (row,) = listed(path)
+    assert (source.kind, row.ok, row.source) == ("csv", True, "work:unpacked/archive/a.png")
+
+
+def test_species_with_names_that_no_folder_can_have_are_left_out_by_name(tmp_path):
+    _, rows = listed(table(tmp_path / "in", f"image,species\n1.png,{'x' * 300}\n2.png,{'x' * 200}\n"))
+    assert [row.ok for row in rows] == [False, True]
+    assert len(rows[0].species) == 40
+    assert "its species has a name of 300 letters" in (rows[0].origin or "")
 
 
 def coco(folder: Path, **changes) -> Path:
@@ -178,6 +267,68 @@ def test_annotations_that_cannot_be_used_are_rows_with_reasons(tmp_path):
         "scan:missing",
     ]
     assert sum(row.ok for row in rows) == 3
+
+
+BROKEN = {
+    "polygon": {"segmentation": ["a", "b"]},
+    "number": {"segmentation": 7},
+    "box": {"bbox": [float("nan"), 1, 9, 9]},
+    "short box": {"bbox": [1, 2]},
+    "empty box": {"bbox": [9, 9, -4, 0], "segmentation": None},
+    "keypoints": {"keypoints": [1, 2]},
+    "fewer keypoints": {"keypoints": [1, 2, 1]},
+    "far keypoint": {"keypoints": [1e308, 2, 1, 3, 4, 1, 5, 6, 1]},
+    "far box": {"bbox": [1e308, 1, 1e308, 9]},
+    "image": {"image_id": None},
+    "no image": {"image_id": 77},
+    "category": {"category_id": [1]},
+}
+
+
+@pytest.mark.parametrize("kind", BROKEN)
+def test_a_broken_annotation_leaves_out_itself_alone(tmp_path, kind):
+    content = coco_content()["annotations"]
+    broken = {**content[0], "id": 99, **BROKEN[kind]}
+    coco(tmp_path / "in", annotations=[broken, *content])
+    _, rows = listed(tmp_path / "in")
+    assert [row.reasons for row in rows if not row.ok] == [("scan:annotation",)]
+    assert sum(row.ok for row in rows) == len(content)
+
+
+@pytest.mark.parametrize(
+    "name", [None, 5, "", "a\0b.png", "n" * 300 + ".png", "\ud800.png", "../../../../etc/hostname"]
+)
+def test_a_file_name_that_is_none_leaves_out_its_photograph(tmp_path, name):
+    content = coco_content()
+    images = [*content["images"], {"id": 50, "file_name": name}, {"id": 51}, "no object"]
+    more = [annotation(40 + image, image, ANIMALS[0]) for image in (50, 51)]
+    coco(tmp_path / "in", images=images, annotations=[*content["annotations"], *more, "no object", {}])
+    _, rows = listed(tmp_path / "in")
+    assert sum(row.ok for row in rows) == 3
+    assert sum(not row.ok for row in rows) == 4
+    write_table(tmp_path / "table.parquet", rows)
+    assert list(read_table(tmp_path / "table.parquet")) == rows
+    settings, workspace = prepare_settings([]), Workspace(tmp_path / "in", tmp_path / "set", tmp_path / "set.work")
+    steps = [build_step(name, settings, workspace) for name in ("scan", "mask")]
+    for row in rows:
+        assert [step.stamp((row,)) for step in steps]
+
+
+def test_items_and_other_lists_with_broken_entries(tmp_path):
+    photo(tmp_path / "in/1.jpg")
+    good = {"image": "1.jpg", "category": "cow", "bbox_xyxy": [1, 2, 9, 9], "keypoints": [[3, 4, 1], [0, 0, 0]]}
+    bad = [
+        7,
+        {"category": "cow"},
+        {**good, "width": "wide", "height": 3},
+        {**good, "keypoints": [[1, 2, 1]]},
+        {**good, "mask": "../../x.png"},
+    ]
+    content = {"keypoint_names": ["left_eye", "nose"], "items": [*bad, good]}
+    (tmp_path / "in/annotations.json").write_text(json.dumps(content))
+    _, rows = listed(tmp_path / "in")
+    assert [row.ok for row in rows] == [True] + [False] * len(bad)
+    assert {row.reasons for row in rows[1:]} == {("scan:annotation",)}
 
 
 def test_several_annotation_files_share_one_order_of_keypoints(tmp_path):
@@ -351,6 +502,75 @@ def test_archives_larger_than_allowed_or_damaged_are_refused(tmp_path):
     with pytest.raises(FaunaError, match="expects a whole archive"):
         unpack(path, tmp_path / "out", max_bytes=1 << 30)
     assert refusal("a/../../b") is not None
+
+
+def zipped(path: Path, names: dict[str, bytes]) -> Path:
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in names.items():
+            archive.writestr(zipfile.ZipInfo(name), content)
+    return path
+
+
+def test_an_archive_that_changed_is_unpacked_anew(tmp_path):
+    pictures = [photo(tmp_path / f"{seed}.png", seed).read_bytes() for seed in range(3)]
+    assert len({len(each) for each in pictures}) == 1
+    path = zipped(tmp_path / "pile.zip", {"horse/a.png": pictures[0], "horse/b.png": pictures[1]})
+    before = path.stat()
+    listed(path)
+    folder = tmp_path / "set.work/unpacked/archive"
+    times = {each: each.stat().st_mtime_ns for each in folder.rglob("*")}
+    listed(path)
+    assert {each: each.stat().st_mtime_ns for each in folder.rglob("*")} == times
+    zipped(path, {"horse/a.png": pictures[0], "horse/c.png": pictures[2]})
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns + 1))
+    assert path.stat().st_size == before.st_size
+    _, rows = listed(path)
+    assert [Path(row.source).name for row in rows] == ["a.png", "c.png"]
+    assert (folder / "horse/c.png").read_bytes() == pictures[2]
+
+
+def test_unpacking_that_was_interrupted_goes_on(tmp_path, monkeypatch):
+    from fauna.prepare.sources import archives
+
+    pictures = {f"horse/{seed}.png": photo(tmp_path / f"{seed}.png", seed).read_bytes() for seed in range(3)}
+    path, left = zipped(tmp_path / "pile.zip", pictures), [2]
+    write = archives.write_file
+
+    def full(target, content):
+        left[0] -= 1
+        if left[0] < 0:
+            raise OSError(28, "No space left on device")
+        write(target, content)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(archives, "write_file", full)
+        with pytest.raises(OSError, match="No space left"):
+            unpack(path, tmp_path / "out/archive", max_bytes=1 << 30)
+    time = (tmp_path / "out/archive/horse/0.png").stat().st_mtime_ns
+    assert unpack(path, tmp_path / "out/archive", max_bytes=1 << 30) == ()
+    assert (tmp_path / "out/archive/horse/0.png").stat().st_mtime_ns == time
+    assert len(list((tmp_path / "out/archive").rglob("*.png"))) == 3
+
+
+@pytest.mark.parametrize(
+    "names", [("a.jpg", "a.jpg/x.jpg"), ("a.jpg/x.jpg", "a.jpg"), ("/".join(["d" * 250] * 20), "b.jpg")]
+)
+def test_names_that_no_file_can_have_are_refused_by_name(tmp_path, names):
+    path = zipped(
+        tmp_path / "pile.zip", {**dict.fromkeys(names, b"1"), "horse/good.png": photo(tmp_path / "1.png").read_bytes()}
+    )
+    refused = unpack(path, tmp_path / "out/archive", max_bytes=1 << 30)
+    assert len(refused) == 1
+    assert refused[0][0] in names
+    assert (tmp_path / "out/archive/horse/good.png").is_file()
+    _, rows = listed(path)
+    assert [row.reasons for row in rows if not row.ok] == [("scan:refused",)]
+
+
+def test_names_of_255_bytes_are_unpacked(tmp_path):
+    path = zipped(tmp_path / "pile.zip", {"horse/" + "n" * 251 + ".png": photo(tmp_path / "1.png").read_bytes()})
+    _, (row,) = listed(path)
+    assert row.ok
 
 
 def test_videos_become_frames_of_one_group(tmp_path):

@@ -99,6 +99,21 @@ def test_back_views_are_training_photographs_only():
     assert found[train.id] == "back"
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_clusters_shared_by_species_leave_each_its_training_photographs(seed):
+    """A duplicate of a rare species' photograph among those of a large one must not take it to validation."""
+    rows = []
+    for number in range(5):
+        rows += [row(f"horse/{number}.jpg", cluster=f"{number}"), row(f"zebra/{number}.jpg", cluster=f"{number}")]
+    rules = replace(RULES, seed=seed, min_train=3, few_shot_val=2)
+    counts = Counter((each.species, each.split) for each in split(rows, rules)[0])
+    assert counts["horse", "val"] == counts["zebra", "val"] == 2
+    lone = [row("okapi/1.jpg", cluster="c"), *herd("horse", 3), row("horse/x.jpg", cluster="c")]
+    found, _ = split(lone, replace(RULES, seed=seed, few_shot_val=3))
+    assert [each.split for each in found if each.species == "okapi"] == ["train"]
+    assert Counter(each.split for each in found if each.species == "horse") == {"val": 3, "train": 1}
+
+
 def test_rare_species_are_left_out_by_name_and_rejected_rows_pass():
     rows, chosen = split([*herd("mink", 3), *herd("horse", 10)], replace(RULES, min_photos=5))
     assert {each.reasons for each in rows if each.species == "mink"} == {("split:few_photos",)}

@@ -42,12 +42,12 @@ def read_packed(root: Path) -> dict[str, CategoryPhotos]:
         FaunaError: when an index is missing or damaged, or a shard has another size than was packed.
     """
     found: dict[str, dict[str, list[Photo]]] = {}
-    for entry in _shards(root):
+    for entry in read_shards(root):
         shard = root / str(entry["file"])
         size = shard.stat().st_size if shard.is_file() else -1
         if size != entry["bytes"]:
             raise FaunaError(f"{shard} expects {entry['bytes']} bytes, got {max(size, 0)}; copy the shard again")
-        for category, which, photo in _photos(shard):
+        for category, which, photo in read_index(shard):
             found.setdefault(category, {name: [] for name in LISTS})[which].append(photo)
     if not found:
         raise FaunaError(f"{root / FILE} expects photos, got none; pack the set again")
@@ -57,7 +57,12 @@ def read_packed(root: Path) -> dict[str, CategoryPhotos]:
     }
 
 
-def _shards(root: Path) -> list[dict[str, Any]]:
+def read_shards(root: Path) -> list[dict[str, Any]]:
+    """What ``packed.json`` says of each shard: ``file``, ``bytes``, ``photos``, ``sha256``.
+
+    Raises:
+        FaunaError: when it is missing, damaged, or of another version.
+    """
     path = root / FILE
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -71,7 +76,12 @@ def _shards(root: Path) -> list[dict[str, Any]]:
     return shards
 
 
-def _photos(shard: Path) -> Iterator[tuple[str, str, Photo]]:
+def read_index(shard: Path) -> Iterator[tuple[str, str, Photo]]:
+    """Category, list of :data:`LISTS` and files of every photo of a shard.
+
+    Raises:
+        FaunaError: when its index is missing or damaged.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 

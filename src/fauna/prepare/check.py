@@ -4,9 +4,8 @@ import contextlib
 import hashlib
 import io
 import json
-import os
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,18 +13,21 @@ import numpy as np
 from PIL import Image
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
-from fauna.data.fauna_folder import IMAGE_NAME, KEYPOINT_NAMES, read_keypoint_names
+from fauna.data.fauna_folder import KEYPOINT_NAMES, read_keypoint_names
+from fauna.data.stored import readable
 from fauna.errors import FaunaError
+from fauna.prepare.crop import texts_of
+from fauna.prepare.finished import FinishedSet, open_set
 from fauna.prepare.hashes import near_pairs
-from fauna.prepare.place import crop_path, files_of, manifest_files
+from fauna.prepare.place import DIGESTS, files_of
 from fauna.prepare.progress import progress
 from fauna.prepare.record import Record
 from fauna.prepare.settings import Settings
 from fauna.prepare.split import BACK, TRAIN, cluster_of
-from fauna.prepare.tables import read_columns, read_table
+from fauna.prepare.workspace import shown
 
-DIGESTS = {"rgb.jpg": "rgb_sha256", "mask.png": "mask_sha256", "feat16.png": "feat_sha256"}
 TILES = 6
 """Of a stored feature map: 16 channels, three in each."""
 
@@ -74,7 +76,7 @@ def check_set(dest: Path, settings: Settings) -> bool:
     """Audit a set and print a table.
 
     Args:
-        dest: folder of a finished set.
+        dest: folder of a finished set, packed or not.
         settings: group ``check``.
 
     Returns:
@@ -87,71 +89,53 @@ def check_set(dest: Path, settings: Settings) -> bool:
     table = Table("check", "looked at", "faults", "first")
     for name, found in audit.findings.items():
         verdict = f"{found.faults:,}" if found.fatal or not found.faults else f"{found.faults:,} (allowed)"
-        table.add_row(name, f"{found.looked_at:,}", verdict, found.example)
+        table.add_row(name, f"{found.looked_at:,}", verdict, Text(shown(found.example)))
     Console().print(table)
-    print(f"check: {'sound' if audit.sound else 'NOT SOUND'}, {dest}", flush=True)
+    print(f"check: {'sound' if audit.sound else 'NOT SOUND'}, {shown(str(dest))}", flush=True)
     return audit.sound
 
 
 def audit_set(dest: Path, settings: Settings) -> Audit:
     """All checks; arguments and errors as for :func:`check_set`."""
-    files = manifest_files(dest)
-    if not files:
-        raise FaunaError(
-            f"{dest}: expected a set of fauna-prepare with a manifest.parquet, got none; run fauna-prepare split"
-        )
+    found = open_set(dest)
     audit = Audit()
-    joint = _joint(files)
+    for name, fault in found.containers():
+        audit.of("shards").look(None if fault is None else f"{name}: {fault}")
     names = read_keypoint_names(dest)
-    size = _crop_size(files, joint, dest, usual=settings.crop.size)
+    size = _crop_size(found, usual=settings.crop.size)
     with progress("check") as tick:
-        for row in _usable(files):
+        for row in found.rows():
             for end in files_of(row):
-                _check_file(row, end, dest / crop_path(row, end, joint), names, size, audit)
+                _check_file(found, row, end, names, size, audit)
             audit.of("licences", fatal=settings.check.unlicensed == "fail").look(
                 f"{row.source}: unknown" if row.licence == "unknown" else None
             )
             tick()
-    _check_leaks(files, settings, audit)
-    _check_strays(files, joint, dest, audit)
+    _check_leaks(found, settings, audit)
+    for crop, stray in found.strays():
+        audit.of("no strays").look(f"{crop} is not in the manifest" if stray else None)
     return audit
 
 
-def _usable(files: list[Path]) -> Iterator[Record]:
-    for file in files:
-        yield from (row for row in read_table(file) if row.ok)
-
-
-def _crop_size(files: list[Path], joint: frozenset[str], dest: Path, *, usual: int) -> int:
+def _crop_size(found: FinishedSet, *, usual: int) -> int:
     """Side of the first crop that can be opened: all others must have it too; ``usual`` where there is none."""
-    for row in _usable(files):
-        with contextlib.suppress(Exception), Image.open(dest / crop_path(row, "rgb.jpg", joint)) as picture:
+    for row in found.rows():
+        with contextlib.suppress(Exception), Image.open(readable(found.file(row, "rgb.jpg"))) as picture:
             return picture.size[0]
     return usual
 
 
-def _joint(files: list[Path]) -> frozenset[str]:
-    """Clusters of several animals: these have folders."""
-    seen: set[str] = set()
-    twice: set[str] = set()
-    for file in files:
-        for part in read_columns(file, ["photo", "cluster", "status"]):
-            for photo, cluster, status in zip(*part.values(), strict=True):
-                if status == "ok":
-                    name = cluster or photo
-                    (twice if name in seen else seen).add(name)
-    return frozenset(twice)
-
-
-def _check_file(row: Record, end: str, path: Path, names: tuple[str, ...] | None, size: int, audit: Audit) -> None:
+def _check_file(
+    found: FinishedSet, row: Record, end: str, names: tuple[str, ...] | None, size: int, audit: Audit
+) -> None:
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        audit.of("files").look(f"{path}: {error.strerror}")
+        file = found.file(row, end)
+        content = file.read_bytes()
+    except (OSError, FaunaError) as error:
+        told = error.strerror if isinstance(error, OSError) else error
+        audit.of("files").look(f"{found.name(row)}_{end}: {told}")
         return
-    digest = DIGESTS.get(end)
-    changed = digest is not None and hashlib.sha256(content).hexdigest() != getattr(row, digest)
-    audit.of("files").look(f"{path}: changed since it was made" if changed else None)
+    audit.of("files").look(None if _as_made(row, end, content, size) else f"{file}: changed since it was made")
     examine: Callable[[], str | None] = {
         "rgb.jpg": lambda: _picture(content, size),
         "mask.png": lambda: _mask(content, size),
@@ -163,7 +147,14 @@ def _check_file(row: Record, end: str, path: Path, names: tuple[str, ...] | None
         fault = examine()
     except Exception as error:  # a damaged file raises anything
         fault = " ".join(f"{type(error).__name__} {error}".split())[:80]
-    audit.of(end.split(".")[0]).look(None if fault is None else f"{path}: {fault}")
+    audit.of(end.split(".")[0]).look(None if fault is None else f"{file}: {fault}")
+
+
+def _as_made(row: Record, end: str, content: bytes, size: int) -> bool:
+    """Whether a file has the bytes that its row tells of."""
+    if end in DIGESTS:
+        return hashlib.sha256(content).hexdigest() == getattr(row, DIGESTS[end])
+    return content == texts_of(row, size)[end]
 
 
 def _picture(content: bytes, size: int) -> str | None:
@@ -193,12 +184,12 @@ def _keypoints(content: bytes, names: tuple[str, ...] | None) -> str | None:
     return None if len(points) == len(names) else f"{len(points)} keypoints for {len(names)} names"
 
 
-def _check_leaks(files: list[Path], settings: Settings, audit: Audit) -> None:
+def _check_leaks(found_set: FinishedSet, settings: Settings, audit: Audit) -> None:
     """Nothing may be in two of training, validation and test: no cluster, no file, no near duplicate."""
     splits: dict[str, set[str]] = defaultdict(set)
     contents: dict[str, set[str]] = defaultdict(set)
     hashes: dict[int, set[str]] = defaultdict(set)
-    for row in _usable(files):
+    for row in found_set.rows():
         split = TRAIN if row.split == BACK else str(row.split)
         splits[cluster_of(row)].add(split)
         contents[row.sha256 or row.id].add(split)
@@ -217,13 +208,3 @@ def _check_leaks(files: list[Path], settings: Settings, audit: Audit) -> None:
         audit.of("no near duplicates").look(
             f"{values[first]:016x} and {values[second]:016x} in {', '.join(sorted(found))}" if len(found) > 1 else None
         )
-
-
-def _check_strays(files: list[Path], joint: frozenset[str], dest: Path, audit: Audit) -> None:
-    """Photographs in the folder that the manifest does not know: they would be trained on."""
-    known = {crop_path(row, "rgb.jpg", joint) for row in _usable(files)}
-    for folder, _, names in os.walk(dest):
-        for name in names:
-            path = Path(folder, name).relative_to(dest)
-            if IMAGE_NAME.match(name) and len(path.parts) > 1:
-                audit.of("no strays").look(None if path.as_posix() in known else f"{path} is not in the manifest")

@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 from PIL import Image
 
-from fauna.data.crop_box import CropBox
 from fauna.data.crop_rules import ruled_window
 from fauna.data.cut import cut
 from fauna.prepare.masks_stored import read_mask
@@ -18,7 +17,7 @@ from fauna.prepare.pictures import open_photograph
 from fauna.prepare.record import Point, Record, Rows
 from fauna.prepare.settings import Settings, digest
 from fauna.prepare.steps import Step
-from fauna.prepare.workspace import Workspace, write_file
+from fauna.prepare.workspace import Workspace, file_digest, write_file
 from fauna.reconstruct.photograph import Photograph
 from fauna.reconstruct.status import Refused
 
@@ -67,10 +66,21 @@ class CropStep(Step):
             self.workspace.crop(row.id, "keypoints.json") for row in rows if row.ok and row.keypoints is not None
         ]
 
+    def intact(self, rows: Rows) -> bool:
+        """Whether every file has the bytes that were made: a file in DEST is the same one by a link, and may have been written over."""
+        return super().intact(rows) and all(self._as_made(row) for row in rows if row.ok)
+
+    def _as_made(self, row: Record) -> bool:
+        for end, text in texts_of(row, self.settings.crop.size).items():
+            if self.workspace.crop(row.id, end).read_bytes() != text:
+                return False
+        made = {"rgb.jpg": row.rgb_sha256, "mask.png": row.mask_sha256}
+        return all(file_digest(self.workspace.crop(row.id, end)) == digest for end, digest in made.items())
+
     def _cropped(self, row: Record, photograph: Photograph, picture: Image.Image) -> Record:
         mask = read_mask(self.workspace.mask(row.id))
         window = ruled_window(mask, self.settings.crop.rule)
-        image, small, box = cut(picture, mask, window, self.settings.crop.size)
+        image, small, _ = cut(picture, mask, window, self.settings.crop.size)
         left, top, side = (float(value) * photograph.scale for value in window)
         row = replace(row, window=(left, top, side))
         if not small.any():
@@ -78,13 +88,10 @@ class CropStep(Step):
         rgb, drawn = encode_rgb(image, self.settings.crop.jpeg_quality), encode_small_mask(small)
         write_file(self.workspace.crop(row.id, "rgb.jpg"), rgb)
         write_file(self.workspace.crop(row.id, "mask.png"), drawn)
-        write_file(self.workspace.crop(row.id, "box.txt"), box_line(row.frame, box, photograph).encode())
-        if row.keypoints is not None:
-            points = crop_keypoints(row.keypoints, (left, top, side), self.settings.crop.size)
-            content = json.dumps({"keypoints": points}, separators=(",", ":"))
-            write_file(self.workspace.crop(row.id, "keypoints.json"), content.encode())
-            if not any(flag for *_, flag in row.keypoints):
-                row = row.with_notes("no_keypoint_annotated")
+        for end, text in texts_of(row, self.settings.crop.size).items():
+            write_file(self.workspace.crop(row.id, end), text)
+        if row.keypoints is not None and not any(flag for *_, flag in row.keypoints):
+            row = row.with_notes("no_keypoint_annotated")
         return replace(row, rgb_sha256=_sha256(rgb), mask_sha256=_sha256(drawn))
 
 
@@ -107,17 +114,26 @@ def crop_keypoints(points: tuple[Point, ...], window: tuple[float, float, float]
     ]
 
 
-def box_line(frame: int | None, box: CropBox, photograph: Photograph) -> str:
-    """The line of a box file, ``frame x0 y0 w h photo_w photo_h sharpness``, in pixels of the photograph at full size.
+def texts_of(row: Record, size: int) -> dict[str, bytes]:
+    """The small files of a crop by their ends, which follow from its row.
 
     Args:
-        frame: of a video.
-        box: window in pixels of the photograph at working size.
-        photograph: at both sizes.
+        row: with its window.
+        size: side of the crop, its own pixels.
     """
-    places = (side * photograph.scale for side in (box.x0, box.y0, box.width, box.height))
-    width, height = photograph.size
-    return f"{frame or 0} {' '.join(f'{place:.2f}' for place in places)} {width} {height} 0.00\n"
+    assert row.window is not None
+    texts = {"box.txt": box_line(row).encode()}
+    if row.keypoints is not None:
+        points = crop_keypoints(row.keypoints, row.window, size)
+        texts["keypoints.json"] = json.dumps({"keypoints": points}, separators=(",", ":")).encode()
+    return texts
+
+
+def box_line(row: Record) -> str:
+    """The line of a box file, ``frame x0 y0 w h photo_w photo_h sharpness``, in pixels of the photograph at full size."""
+    assert row.window is not None
+    left, top, side = row.window
+    return f"{row.frame or 0} {left:.2f} {top:.2f} {side:.2f} {side:.2f} {row.width} {row.height} 0.00\n"
 
 
 def encode_rgb(image: UInt8[np.ndarray, "side side 3"], quality: int) -> bytes:

@@ -54,7 +54,7 @@ def run_step(step: Step, photos: Iterable[Rows], workspace: Workspace, shard: Sh
             photo = rows[0].photo
             key = unit_key(step, rows)
             done = journal.done(photo, key)
-            if done is None or not all(_is_whole(path) for path in step.outputs(done)):
+            if done is None or not step.intact(done):
                 start = time.perf_counter()
                 has_work = any(row.ok for row in rows)
                 journal.commit(photo, key, step(rows) if has_work else rows)
@@ -90,11 +90,3 @@ def _log(workspace: Workspace, stage: str, shard: Shard, tally: Tally) -> None:
     entry["seconds"] = round(tally.seconds, 3)
     with (workspace.logs / "timings.jsonl").open("a", encoding="utf-8") as file:
         file.write(json.dumps(entry) + "\n")
-
-
-def _is_whole(path: Path) -> bool:
-    """Whether a file is there and not empty, as after a power cut."""
-    try:
-        return path.stat().st_size > 0
-    except OSError:
-        return False

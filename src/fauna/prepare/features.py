@@ -22,7 +22,7 @@ from fauna.prepare.encoders import encoder_by_name
 from fauna.prepare.record import Record, Rows
 from fauna.prepare.settings import FeatureSettings, Settings, digest
 from fauna.prepare.steps import Step
-from fauna.prepare.workspace import Workspace, write_file
+from fauna.prepare.workspace import Workspace, file_digest, write_file
 
 VERSION = 1
 
@@ -73,6 +73,10 @@ class FeatureStep(Step):
     def outputs(self, rows: Rows) -> list[Path]:
         """The maps of rows that are ok."""
         return [self.workspace.crop(row.id, "feat16.png") for row in rows if row.ok]
+
+    def intact(self, rows: Rows) -> bool:
+        """Whether every map has the bytes that were made."""
+        return all(file_digest(self.workspace.crop(row.id, "feat16.png")) == row.feat_sha256 for row in rows if row.ok)
 
     def _encoded(self, row: Record) -> Record:
         features = encode_crop(self.encoder, self.workspace.crop(row.id, "rgb.jpg"))

@@ -4,7 +4,6 @@ A killed run leaves at most one torn line at the end, which the next run cuts of
 and win.
 """
 
-import fcntl
 import json
 import os
 from collections.abc import Iterator
@@ -12,6 +11,7 @@ from pathlib import Path
 from types import TracebackType
 
 from fauna.errors import FaunaError
+from fauna.prepare.locks import lock
 from fauna.prepare.record import Record, Rows
 
 
@@ -31,13 +31,11 @@ class Journal:
         path.parent.mkdir(parents=True, exist_ok=True)
         self.path = path
         self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+        if not lock(self._file, wait=False):
             os.close(self._file)
             raise FaunaError(
                 f"{path}: expected one run for a shard, got another that is writing it; wait for it or choose another work folder"
-            ) from error
+            )
         self._lines: dict[str, tuple[str, int]] = {}
         self._end = self._read()
 

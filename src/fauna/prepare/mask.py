@@ -14,6 +14,7 @@ from fauna.masks.base import Segmenter
 from fauna.masks.boxes import overlap
 from fauna.prepare.masks_given import given_file, has_parts, holds_one, read_given
 from fauna.prepare.masks_stored import encode_mask, read_mask
+from fauna.prepare.overrides import read_overrides
 from fauna.prepare.pictures import open_photograph
 from fauna.prepare.record import Box, Record, Rows, row_id
 from fauna.prepare.settings import Settings, digest
@@ -24,7 +25,7 @@ from fauna.reconstruct.photograph import Photograph
 from fauna.reconstruct.settings import default_settings
 from fauna.reconstruct.status import Refused
 
-VERSION = 1
+VERSION = 2
 NONE = "none"
 """``mask.segmenter`` for sets in which every photograph brings its mask."""
 MOST_ROWS = 100
@@ -65,6 +66,8 @@ class MaskStep(Step):
     def __init__(self, *, settings: Settings, workspace: Workspace) -> None:
         self.settings = settings
         self.workspace = workspace
+        path = settings.overrides
+        self.overrides = read_overrides(None if path is None else Path(path))
         usual = default_settings().mask
         own = settings.mask
         self.limits = replace(
@@ -119,8 +122,9 @@ class MaskStep(Step):
         return (*done, *further)
 
     def stamp(self, rows: Rows) -> str:
-        """Sizes and times of the given masks' files."""
-        return "|".join(self._stamp(row.given_mask) for row in rows if row.given_mask is not None)
+        """Sizes and times of the given masks' files, and the verdicts on the photograph's animals."""
+        given = "|".join(self._stamp(row.given_mask) for row in rows if row.given_mask is not None)
+        return given + self.overrides.about(rows[0])
 
     def _stamp(self, text: str) -> str:
         path = given_file(text, self.workspace)
@@ -128,7 +132,7 @@ class MaskStep(Step):
             return ""
         try:
             found = path.stat()
-        except OSError:
+        except (OSError, ValueError):  # no file has a null byte in its name
             return "absent"
         return f"{found.st_size}:{found.st_mtime_ns}"
 
@@ -150,6 +154,7 @@ class MaskStep(Step):
         for place, animal in enumerate(found.animals[1 : MOST_ROWS - free + 1]):
             instance = free + place
             other = replace(row, id=row_id(row.photo, instance), instance=instance, box=None, keypoints=None)
+            other = replace(other, override=self.overrides.of(other))
             if place + 1 >= self.settings.mask.max_animals:
                 other = other.rejected(self.name, "more_animals")
             rows.append(self._kept(other, animal, photograph, found.source) if other.ok else other)
@@ -191,7 +196,7 @@ class MaskStep(Step):
 
     def _masks(self, row: Record, photograph: Photograph) -> tuple[list[Mask], str, tuple[str, ...]]:
         if row.given_mask is not None:
-            found = read_given(row.given_mask, photograph, self.workspace, self.limits)
+            found = read_given(row.given_mask, photograph, self.workspace, self.limits, annotated=row.annotated_size)
             return list(found.masks), "given", found.flags
         notes: tuple[str, ...] = ()
         if photograph.alpha is not None:

@@ -13,6 +13,7 @@ from PIL import Image
 
 from fauna.data.readers.masks import Mask, Polygons, Rle
 from fauna.errors import FaunaError
+from fauna.prepare.frames import Size, drawn_upright, stored_size
 from fauna.prepare.workspace import Workspace
 from fauna.reconstruct.mask_files import FoundMasks, array_masks, read_masks
 from fauna.reconstruct.photograph import Photograph
@@ -51,7 +52,9 @@ def given_file(text: str, workspace: Workspace) -> Path | None:
     return workspace.photo(rest) if kind in (ONE, OBJECTS, ANY) else None
 
 
-def read_given(text: str, photograph: Photograph, workspace: Workspace, limits: MaskSettings) -> FoundMasks:
+def read_given(
+    text: str, photograph: Photograph, workspace: Workspace, limits: MaskSettings, *, annotated: Size | None = None
+) -> FoundMasks:
     """The masks of a line.
 
     Args:
@@ -59,6 +62,7 @@ def read_given(text: str, photograph: Photograph, workspace: Workspace, limits: 
         photograph: whose mask it is.
         workspace: where paths begin.
         limits: of mask files.
+        annotated: size of the photograph according to the annotation: tells on which picture outlines were drawn.
 
     Raises:
         Refused: ``bad_mask``, for a file that is no picture, or a mask of something else.
@@ -69,17 +73,23 @@ def read_given(text: str, photograph: Photograph, workspace: Workspace, limits: 
     kind, _, rest = text.partition(":")
     try:
         values = json.loads(rest)
+        stored = stored_size(photograph.size, photograph.orientation)
         if kind == "rle":
             height, width = values["size"]
             counts = values["counts"]
             mask: Mask = Rle(height, width, counts if isinstance(counts, str) else tuple(counts))
+            if (width, height) not in (
+                photograph.size,
+                stored,
+            ):  # told before it is unrolled, however large it claims to be
+                raise ValueError(f"one of {width}x{height} for {stored[0]}x{stored[1]}")
         else:
             mask = Polygons(tuple(tuple(ring) for ring in values))
-            width, height = _stored(photograph)
+            width, height = photograph.size if annotated == photograph.size else stored
         return array_masks([_upright(mask.decode(height, width), photograph)], photograph)
     except Refused:
         raise
-    except (FaunaError, ValueError, KeyError, TypeError) as error:
+    except (FaunaError, ArithmeticError, LookupError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())[:120]
         raise Refused(
             "bad_mask", f"{photograph.name}: expected an annotated mask, got {reason}; mend the annotation"
@@ -88,16 +98,10 @@ def read_given(text: str, photograph: Photograph, workspace: Workspace, limits: 
 
 def _upright(mask: np.ndarray, photograph: Photograph) -> np.ndarray:
     """A mask drawn on the stored picture, turned with the photograph; one of the upright size is taken as it is."""
-    if photograph.orientation == 1 or mask.shape != _stored(photograph)[::-1]:
+    if drawn_upright(mask.shape[::-1], photograph.size, photograph.orientation):
         return mask
     picture = Image.fromarray(mask.astype(np.uint8) * np.uint8(255))
     return np.array(oriented(picture, photograph.orientation)) > 0
-
-
-def _stored(photograph: Photograph) -> tuple[int, int]:
-    """(width, height) before the photograph was turned upright."""
-    width, height = photograph.size
-    return (width, height) if photograph.orientation < 5 else (height, width)
 
 
 def _json(value: object) -> str:

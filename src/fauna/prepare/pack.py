@@ -15,11 +15,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from fauna.data.fauna_folder import KEYPOINT_NAMES, read_fauna_folder
-from fauna.data.packed import FILE, KINDS, LISTS, TEXTS, VERSION
+from fauna.data.packed import FILE, KINDS, LISTS, TEXTS, VERSION, is_packed
 from fauna.data.photos import FileSource, Photo
 from fauna.errors import FaunaError
+from fauna.prepare.finished import FolderSet
 from fauna.prepare.settings import Settings
-from fauna.prepare.workspace import PARTIAL, write_file
+from fauna.prepare.workspace import PARTIAL, file_digest, write_file
 
 PATTERN = r"(.+_\d+)_\d+"
 """How a stem names its photograph, as in ``conf/data/fauna.yaml``; the files of fauna-prepare need none."""
@@ -59,13 +60,14 @@ def pack_set(dest: Path, packed: Path, settings: Settings) -> None:
     """Pack a set; shards that are there already with the same content are left alone, and an interrupted run goes on.
 
     Args:
-        dest: a finished set, or any folder of crops (docs/data.md).
+        dest: a finished set: a folder of crops without a manifest could be half of anything.
         packed: folder of the shards, made if missing; what else lies in it is left alone.
         settings: group ``pack``.
 
     Raises:
-        FaunaError: when ``dest`` holds no crops, or ``packed`` is no folder for shards.
+        FaunaError: when ``dest`` is no finished set, or ``packed`` is no folder for shards.
     """
+    _expect_finished(dest)
     inside = packed.resolve().is_relative_to(dest.resolve()) or dest.resolve().is_relative_to(packed.resolve())
     begun = packed.is_dir() and (
         not any(packed.iterdir()) or (packed / FILE).is_file() or any(packed.glob("[0-9]" * 5 + ".tar"))
@@ -82,6 +84,18 @@ def pack_set(dest: Path, packed: Path, settings: Settings) -> None:
     content = {"format": "fauna-packed", "version": VERSION, "photos": sum(each["photos"] for each in shards)}
     write_file(packed / FILE, (json.dumps({**content, "shards": shards}, indent=1) + "\n").encode())
     _remove_others(packed, {str(each["file"]) for each in shards})
+
+
+def _expect_finished(dest: Path) -> None:
+    """Refuse what is not, crop by crop, what its manifest says; what is in the files is for ``check`` to see."""
+    if is_packed(dest):
+        raise FaunaError(f"DEST: expected a set in folders, got {dest}, which is packed; give the set it was made of")
+    found = FolderSet(root=dest)
+    wrong = next(found.missing(), None)
+    told = None if wrong is None else f"{wrong} is missing"
+    told = told or next((f"{crop} is not in its manifest" for crop, stray in found.strays() if stray), None)
+    if told is not None:
+        raise FaunaError(f"{dest}: expected a finished set, got one in which {told}; run fauna-prepare all, then check")
 
 
 def entries_of(dest: Path) -> Iterator[Entry]:
@@ -124,7 +138,7 @@ def _pack(entries: Sequence[Entry], path: Path) -> dict[str, Any]:
     partial = path.with_name(f".{path.name}-{os.getpid()}{PARTIAL}")
     try:
         rows = _write_tar(entries, partial)
-        digest = _sha256(partial)
+        digest = file_digest(partial)
         partial.replace(path)
     finally:
         with suppress(OSError):
@@ -193,14 +207,6 @@ def _copy(source: Path, target: Path) -> None:
     finally:
         with suppress(OSError):
             partial.unlink()
-
-
-def _sha256(path: Path) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
 
 
 def _size(path: Path) -> int:

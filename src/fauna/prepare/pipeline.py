@@ -4,7 +4,6 @@ Steps work on shards and know nothing of each other. Between some of them lies a
 ``basis``, ``split``); it is done by whoever comes first, once, while others wait.
 """
 
-import fcntl
 import hashlib
 import heapq
 import json
@@ -16,7 +15,8 @@ from pathlib import Path
 from fauna.errors import FaunaError
 from fauna.prepare.driver import Tally, photos_of, run_step
 from fauna.prepare.duplicates import find_duplicates, judged, photographs
-from fauna.prepare.overrides import read_names
+from fauna.prepare.locks import one_at_a_time
+from fauna.prepare.overrides import expect_known, read_names, read_overrides
 from fauna.prepare.record import Record, Rows
 from fauna.prepare.settings import Settings, digest
 from fauna.prepare.shard import Shard, parse_shard
@@ -142,11 +142,21 @@ class Pipeline:
                     if status == "ok":
                         members.add(species, cluster or photo)
         split = choose_split(members, self.settings.split)
-        backs = self.settings.split.back_views
-        back_views = read_names(None if backs is None else Path(backs), "split.back_views")
+        self.expect_known(self.last())
+        back_views = self._back_views()
         for table, new in zip(before, self.tables("split"), strict=True):
             write_table(new, assigned(read_table(table), split, back_views))
         return split
+
+    def expect_known(self, stage: str) -> None:
+        """Refuse lists of a user that name what the tables of a stage do not have."""
+        path = self.settings.overrides
+        verdicts = read_overrides(None if path is None else Path(path)).verdicts
+        expect_known({"overrides": verdicts, "split.back_views": self._back_views()}, self.tables(stage))
+
+    def _back_views(self) -> frozenset[str]:
+        path = self.settings.split.back_views
+        return read_names(None if path is None else Path(path), "split.back_views")
 
     def rows(self, stage: str) -> Iterator[Record]:
         """The rows of all shards, one shard after the other."""
@@ -197,11 +207,9 @@ class Pipeline:
     def _once(self, stage: str, key: str, tables: Sequence[Path]) -> Iterator[bool]:
         """Whether a stage that sees all shards has to be done; others wait meanwhile."""
         folder = self.workspace.work / "stages"
-        folder.mkdir(parents=True, exist_ok=True)
         made = key + "".join(f"\n{hashlib.sha256(table.read_bytes()).hexdigest()}" for table in tables)
         done = folder / f"{stage}.made_from"
-        with (folder / f"{stage}.lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with one_at_a_time(folder / f"{stage}.lock"):
             needed = not done.is_file() or done.read_text(encoding="utf-8") != made
             if needed:
                 done.unlink(missing_ok=True)

@@ -15,10 +15,12 @@ from fauna.errors import FaunaError
 from fauna.prepare.record import Record
 from fauna.prepare.split import cluster_of
 from fauna.prepare.tables import write_table
-from fauna.prepare.workspace import CROP_FILES, PARTIAL, Workspace
+from fauna.prepare.workspace import CROP_FILES, PARTIAL, Workspace, file_digest
 
 OURS = re.compile(r"[0-9a-f]{16}_\d{2,}_(" + "|".join(re.escape(end) for end in CROP_FILES) + ")")
 MANIFEST = re.compile(r"manifest(-\d{5}-of-\d{5})?\.parquet")
+DIGESTS = {"rgb.jpg": "rgb_sha256", "mask.png": "mask_sha256", "feat16.png": "feat_sha256"}
+"""Ends of files whose digest stands in the manifest, and the attribute."""
 LAST = "rgb.jpg"
 """Readers look for this file, so it comes last and goes first."""
 
@@ -62,24 +64,28 @@ def place(
         How many files were placed anew.
 
     Raises:
-        FaunaError: when a crop is missing in the work folder.
+        FaunaError: when a crop is missing in the work folder, or is not the one that was made.
     """
+    for left in workspace.work.glob(f".*{PARTIAL}"):
+        left.unlink(missing_ok=True)
     _sweep(workspace.dest, _wanted(rows(), joint))
     placed = 0
     for row in rows():
         if row.ok:
             for end in files_of(row):
-                placed += _link(workspace.crop(row.id, end), workspace.dest / crop_path(row, end, joint), workspace)
+                placed += _placed(row, end, joint, workspace)
         tick()
     return placed
 
 
-def write_manifest(rows: Iterable[Record], dest: Path, count: int, rows_per_file: int) -> list[Path]:
+def write_manifest(rows: Iterable[Record], workspace: Workspace, count: int, rows_per_file: int) -> list[Path]:
     """The manifest: ``manifest.parquet``, or several files of so many rows; files with the same bytes are left alone.
+
+    It is written in the work folder, so that DEST is not even touched where nothing changed.
 
     Args:
         rows: all of the set, by photo and instance.
-        dest: where the files go.
+        workspace: whose DEST the files are for.
         count: how many rows there are.
         rows_per_file: that one file holds at most.
     """
@@ -87,17 +93,15 @@ def write_manifest(rows: Iterable[Record], dest: Path, count: int, rows_per_file
     names = ["manifest.parquet"] if files == 1 else [f"manifest-{i:05d}-of-{files:05d}.parquet" for i in range(files)]
     stream = iter(rows)
     for name in names:
-        new = dest / f".{name}.new{PARTIAL}"
-        try:
-            write_table(new, _first(stream, rows_per_file))
-            if not _same(new, dest / name):
-                new.replace(dest / name)
-        finally:
-            new.unlink(missing_ok=True)
-    for path in dest.iterdir():
+        new = workspace.work / "manifest" / name
+        write_table(new, _first(stream, rows_per_file))
+        if not _same(new, workspace.dest / name):
+            _copy(new, workspace.dest / name)
+        new.unlink()
+    for path in workspace.dest.iterdir():
         if MANIFEST.fullmatch(path.name) and path.name not in names:
             path.unlink()
-    return [dest / name for name in names]
+    return [workspace.dest / name for name in names]
 
 
 def manifest_files(dest: Path) -> list[Path]:
@@ -139,11 +143,23 @@ def _has(wanted: np.ndarray, name: str) -> bool:
     return index < len(wanted) and bool(wanted[index] == value)
 
 
+def _placed(row: Record, end: str, joint: frozenset[str], workspace: Workspace) -> bool:
+    """Place a file of a crop; whether it was not there before.
+
+    Raises:
+        FaunaError: when the work folder no longer has what was made; the file in DEST may be the same one by a link, and damaged too.
+    """
+    source, target = workspace.crop(row.id, end), workspace.dest / crop_path(row, end, joint)
+    digest = getattr(row, DIGESTS[end]) if end in DIGESTS else None
+    if digest is not None and file_digest(source) not in (digest, None):
+        raise FaunaError(f"{source}: expected the file that was made, got other bytes; run fauna-prepare all again")
+    return _link(source, target, workspace)
+
+
 def _link(source: Path, target: Path, workspace: Workspace) -> bool:
-    """Place a file; whether it was not there before."""
     if _same(source, target):
         return False
-    partial = workspace.work / f".{target.name}{PARTIAL}"
+    partial = workspace.work / f".{target.name}.{os.getpid()}{PARTIAL}"
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
         partial.unlink(missing_ok=True)
@@ -164,8 +180,8 @@ def _link(source: Path, target: Path, workspace: Workspace) -> bool:
 
 
 def _copy(source: Path, target: Path) -> None:
-    """By way of a hidden file beside the target, where work folder and set lie on different disks."""
-    partial = target.with_name(f".{target.name}{PARTIAL}")
+    """By way of a hidden file beside the target, where work folder and set may lie on different disks."""
+    partial = target.with_name(f".{target.name}.{os.getpid()}{PARTIAL}")
     try:
         shutil.copyfile(source, partial)
         partial.replace(target)
@@ -180,4 +196,4 @@ def _same(first: Path, second: Path) -> bool:
         return False
     if (a.st_dev, a.st_ino) == (b.st_dev, b.st_ino):
         return True
-    return a.st_size == b.st_size and first.read_bytes() == second.read_bytes()
+    return a.st_size == b.st_size and file_digest(first) == file_digest(second)

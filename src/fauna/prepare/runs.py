@@ -6,13 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from fauna.errors import FaunaError
+from fauna.prepare.locks import only_run
 from fauna.prepare.pipeline import KEYPOINT_NAMES, Pipeline
 from fauna.prepare.place import manifest_files, place, write_manifest
 from fauna.prepare.progress import progress
 from fauna.prepare.settings import Settings
 from fauna.prepare.steps import IMAGE_STEPS
 from fauna.prepare.tables import read_columns
-from fauna.prepare.workspace import Workspace, write_file
+from fauna.prepare.workspace import Workspace, shown, write_file
 
 CLAIM = "set.txt"
 
@@ -37,17 +38,20 @@ def prepare(step: str, source: Path, dest: Path, settings: Settings) -> bool:
             f"shard: expected none for fauna-prepare {step}, got {settings.shard}; only steps on photographs have shards"
         )
     workspace = claim(source, dest, settings)
-    steps = [name for name in IMAGE_STEPS if name != "features" or settings.features.encoder is not None]
-    chosen = steps if step == "all" else [step] if step != "split" else []
-    for name in chosen:
-        run_image_step(name, Pipeline(settings, workspace))
-    if step in ("all", "split"):
-        finish(workspace, settings)
-    if step != "all":
+    if settings.shard is not None:  # journals keep two runs from one shard; different shards go side by side
+        run_image_step(step, Pipeline(settings, workspace))
         return True
-    from fauna.prepare.check import check_set
+    steps = [name for name in IMAGE_STEPS if name != "features" or settings.features.encoder is not None]
+    with only_run(workspace.work, workspace.dest):
+        for name in steps if step == "all" else [step] if step != "split" else []:
+            run_image_step(name, Pipeline(settings, workspace))
+        if step in ("all", "split"):
+            finish(workspace, settings)
+        if step != "all":
+            return True
+        from fauna.prepare.check import check_set
 
-    return check_set(dest, settings)
+        return check_set(dest, settings)
 
 
 def claim(source: Path, dest: Path, settings: Settings) -> Workspace:
@@ -63,6 +67,10 @@ def claim(source: Path, dest: Path, settings: Settings) -> Workspace:
         raise FaunaError(f"DEST: expected the name of a folder, got {dest}; choose another")
     work = dest.with_name(f"{dest.name}.work") if settings.work is None else Path(settings.work).expanduser().absolute()
     for name, folder in (("DEST", dest), ("work", work)):
+        if not _is_text(folder):
+            raise FaunaError(
+                f"{name}: expected a folder whose name is UTF-8 text, got {shown(str(folder))}; choose another"
+            )
         if folder.exists() and not folder.is_dir():
             raise FaunaError(f"{name}: expected a folder, got {folder}, which is a file; choose another")
         if source.is_dir() and folder.resolve().is_relative_to(source):
@@ -74,12 +82,13 @@ def claim(source: Path, dest: Path, settings: Settings) -> Workspace:
     if work.is_relative_to(dest) or dest.is_relative_to(work):
         raise FaunaError(f"work: expected a folder beside DEST, got {work}; the set and the way to it are kept apart")
     known = work / CLAIM
-    told = known.read_text(encoding="utf-8", errors="surrogateescape").splitlines() if known.is_file() else []
-    begun = told[:1] == [str(dest)]
-    if begun and told[1:] != [str(source)]:
+    told = known.read_text(encoding="utf-8", errors="surrogateescape") if known.is_file() else ""
+    begun = told.startswith(f"{dest}\n")
+    before = told.removeprefix(f"{dest}\n").removesuffix("\n")
+    if begun and before != str(source):
         raise FaunaError(
-            f"SOURCE: expected {' '.join(told[1:])}, which {dest} is made from, got {source}; choose another DEST, or write the new "
-            f"place into {known} if it was moved"
+            f"SOURCE: expected {shown(before)}, which {dest} is made from, got {shown(str(source))}; choose another DEST, or write the "
+            f"new place into {known} if it was moved"
         )
     if not begun and dest.is_dir() and any(dest.iterdir()) and not manifest_files(dest):
         raise FaunaError(
@@ -89,6 +98,14 @@ def claim(source: Path, dest: Path, settings: Settings) -> Workspace:
         write_file(known, f"{dest}\n{source}\n".encode("utf-8", "surrogateescape"))
     dest.mkdir(parents=True, exist_ok=True)
     return Workspace(source, dest, work)
+
+
+def _is_text(folder: Path) -> bool:
+    """Whether every part of the name is UTF-8: Parquet takes no other."""
+    try:
+        return bool(str(folder).encode())
+    except UnicodeEncodeError:
+        return False
 
 
 def run_image_step(name: str, pipeline: Pipeline) -> None:
@@ -112,6 +129,8 @@ def run_image_step(name: str, pipeline: Pipeline) -> None:
     print(f"{name:<9} {photos:>9,} photographs, {worked:,} worked on{each}; {_account(counts)}", flush=True)
     if pipeline.settings.shard is None:
         _expect_some(counts, pipeline.workspace)
+    if name == "mask" and pipeline.settings.shard is None:
+        pipeline.expect_known("mask")
     if name == "filter" and pipeline.settings.shard is None:
         from fauna.prepare.sheets import write_sheets
 
@@ -143,10 +162,11 @@ def finish(workspace: Workspace, settings: Settings) -> None:
         from fauna.prepare.sheets import write_sheets
 
         write_sheets(pipeline.tables("filter"), settings, workspace)
-    files = write_manifest(pipeline.merged("split"), workspace.dest, counts.total(), settings.manifest_rows)
+    files = write_manifest(pipeline.merged("split"), workspace, counts.total(), settings.manifest_rows)
     write_report(files, settings, workspace)
     print(
-        f"split     {counts['ok']:>9,} animals in {workspace.dest}, {placed:,} files placed anew; report: {workspace.report}",
+        f"split     {counts['ok']:>9,} animals in {shown(str(workspace.dest))}, {placed:,} files placed anew; "
+        f"report: {shown(str(workspace.report))}",
         flush=True,
     )
 

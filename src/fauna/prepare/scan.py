@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import ExifTags, Image
 
+from fauna.prepare.frames import drawn_upright, stored_size, turned_box, turned_point
 from fauna.prepare.overrides import read_overrides
 from fauna.prepare.pictures import open_photograph
 from fauna.prepare.record import Record, Rows
@@ -21,7 +22,7 @@ from fauna.reconstruct.formats import OPENED
 from fauna.reconstruct.photograph import Photograph
 from fauna.reconstruct.status import Refused
 
-VERSION = 1
+VERSION = 2
 """Part of the step's key, to be raised with what it does."""
 
 KEPT_TAGS = ("Make", "Model", "Artist", "Copyright", "DateTime", "DateTimeOriginal")
@@ -35,6 +36,8 @@ FLAT = 1.0
 class ScanStep(Step):
     """Digest, perceptual hash, size and EXIF of a photograph; refuses what cannot be read.
 
+    Boxes and keypoints that were annotated on the stored picture are turned with it (:mod:`fauna.prepare.frames`).
+
     Args:
         settings: of the command.
         workspace: the folders.
@@ -46,19 +49,20 @@ class ScanStep(Step):
         self.settings, self.workspace = settings, workspace
         path = settings.overrides
         self.overrides = read_overrides(None if path is None else Path(path))
-        self._key = digest(VERSION, settings.photo, sorted(self.overrides.verdicts.items()))
+        self._key = digest(VERSION, settings.photo)
 
     @property
     def key(self) -> str:
-        """Limits of reading, and the overrides."""
+        """Limits of reading."""
         return self._key
 
     def stamp(self, rows: Rows) -> str:
-        """Size and time of last change of the file."""
-        with contextlib.suppress(OSError):
+        """Size and time of last change of the file, and the verdicts on its animals."""
+        said = self.overrides.about(rows[0])
+        with contextlib.suppress(OSError, ValueError):  # no file has a null byte in its name
             found = self.workspace.photo(rows[0].source).stat()
-            return f"{found.st_size}:{found.st_mtime_ns}"
-        return "absent"
+            return f"{found.st_size}:{found.st_mtime_ns}{said}"
+        return f"absent{said}"
 
     def outputs(self, rows: Rows) -> list[Path]:
         """A scan writes no files."""
@@ -86,9 +90,17 @@ class ScanStep(Step):
 
     def _scanned(self, row: Record, photograph: Photograph) -> Record:
         row = row.with_notes(*photograph.flags)
-        if row.annotated_size not in (None, photograph.size):
+        size, orientation = photograph.size, photograph.orientation
+        if row.annotated_size not in (None, size, stored_size(size, orientation)):
             return row.rejected(self.name, "size_differs")
-        return row
+        if drawn_upright(row.annotated_size, size, orientation):
+            return row
+        points = row.keypoints
+        return replace(
+            row,
+            box=None if row.box is None else turned_box(row.box, size, orientation),
+            keypoints=None if points is None else tuple(turned_point(each, size, orientation) for each in points),
+        )
 
 
 def perceptual_hash(image: UInt8[np.ndarray, "height width 3"]) -> str | None:

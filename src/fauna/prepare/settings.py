@@ -11,10 +11,13 @@ from omegaconf import OmegaConf
 
 from fauna._conf import CONF_DIR
 from fauna.errors import FaunaError
-from fauna.reconstruct.settings import CROP_RULES, PhotoSettings, check_choice, check_range
+from fauna.prepare.limits import RULES, Number, check_values
+from fauna.reconstruct.settings import PhotoSettings
 from fauna.yaml_groups import build_group
 
 FILE = "prepare.yaml"
+WORDS = ("work", "shard", "overrides", "split.back_views", "source.images", "source.name")
+"""Keys whose values are words though they may look like numbers: a folder may be called 7."""
 
 
 @dataclass(frozen=True)
@@ -159,15 +162,7 @@ class Settings:
     pack: PackSettings
 
     def __post_init__(self) -> None:
-        check_choice("crop.rule", self.crop.rule, CROP_RULES)
-        check_choice("runner", self.runner, ("local", "ray"))
-        check_range("manifest_rows", self.manifest_rows, 1, 10**9)
-        check_choice("check.unlicensed", self.check.unlicensed, ("warn", "fail"))
-        check_range("crop.size", self.crop.size, 32, 2048)
-        check_range("crop.jpeg_quality", self.crop.jpeg_quality, 1, 100)
-        check_range("shards", self.shards, 1, 99999)
-        for name, bits in asdict(self.duplicates).items():
-            check_range(f"duplicates.{name}", bits, 0, 15)
+        check_values(asdict(self))
 
 
 def prepare_settings(overrides: Sequence[str]) -> Settings:
@@ -185,6 +180,7 @@ def prepare_settings(overrides: Sequence[str]) -> Settings:
         if not equals or not key:
             raise FaunaError(f"{word}: expected key=value, got something else; e.g. crop.size=512")
         _set(content, key.split("."), key, _value(key, text))
+    check_values(content)  # before lists become tuples: a word that should be a list is still one
     return build_group(Settings, content, file=FILE)
 
 
@@ -210,11 +206,9 @@ def _set(content: dict[str, Any], path: list[str], key: str, value: Any) -> None
         node = node.get(group) if isinstance(node, dict) else None
     if not isinstance(node, dict) or name not in node or isinstance(node[name], dict):
         raise FaunaError(f"{key}: expected a key of conf/{FILE}, got an unknown one; see docs/prepare.md")
-    old = node[name]
-    if name in ("work", "overrides", "shard", "runner") and value is not None and not isinstance(value, str):
-        value = str(value)  # a folder may be called 7
-    if isinstance(value, int) and isinstance(old, float) and not isinstance(value, bool):
+    rule = RULES[key]
+    if key in WORDS and isinstance(value, (int, float)) and not isinstance(value, bool):
+        value = str(value)
+    if isinstance(rule, Number) and not rule.whole and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
-    if old is not None and value is not None and type(value) is not type(old):
-        raise FaunaError(f"{key}: expected a value like {old!r}, got {value!r}; give another")
     node[name] = value

@@ -69,15 +69,19 @@ def choose_split(members: Members, settings: SplitSettings) -> Split:
         )
     few = frozenset(name for name, each in members.of_species.items() if each.total() < settings.min_photos)
     chosen = {cluster: TEST for name in settings.held_out for cluster in members.of_species[name]}
-    for name in sorted(set(members.of_species) - few - set(settings.held_out)):
-        clusters = members.of_species[name]
-        total = clusters.total()
+    spare = {
+        name: sum(size for cluster, size in each.items() if cluster not in chosen) - settings.min_train
+        for name, each in members.of_species.items()
+        if name not in few and name not in settings.held_out
+    }
+    for name in sorted(spare):
+        total = members.of_species[name].total()
         if total < settings.few_shot_below:
             sizes = {VAL: settings.few_shot_val, TEST: settings.few_shot_test}
         else:
             sizes = {VAL: round(settings.val_fraction * total), TEST: round(settings.test_fraction * total)}
         for split, wanted in sizes.items():
-            _choose(clusters, chosen, split, wanted, name, settings)
+            _choose(members, chosen, spare, split, wanted, name, settings.seed)
     joint = frozenset(
         cluster
         for cluster, species in members.species_of.items()
@@ -111,19 +115,42 @@ def cluster_of(row: Record) -> str:
 
 
 def _choose(
-    clusters: Counter[str], chosen: dict[str, str], split: str, wanted: int, species: str, settings: SplitSettings
+    members: Members, chosen: dict[str, str], spare: dict[str, int], split: str, wanted: int, species: str, seed: int
 ) -> None:
-    """Add clusters of a species to ``chosen``; what other species chose already counts."""
+    """Add clusters of a species to ``chosen``; what other species chose already counts.
+
+    A cluster that animals of other species share is taken only where each of them can spare its own.
+
+    Args:
+        members: usable animals.
+        chosen: split by cluster; clusters are added.
+        spare: by species, how many animals may still be set aside; brought up to date.
+        split: ``val`` or ``test``.
+        wanted: animals of the species.
+        species: whose turn it is.
+        seed: of the order.
+    """
+    clusters = members.of_species[species]
     wanted -= sum(size for cluster, size in clusters.items() if chosen.get(cluster) == split)
     free = [cluster for cluster in clusters if cluster not in chosen]
-    left = sum(clusters[cluster] for cluster in free) - settings.min_train
-    order = sorted(free, key=lambda cluster: derive_seed(settings.seed, split, species, cluster))
+    order = sorted(free, key=lambda cluster: derive_seed(seed, split, species, cluster))
+
+    def can_be_spared(cluster: str) -> bool:
+        sharing = members.species_of[cluster] & spare.keys()
+        return all(members.of_species[name][cluster] <= spare[name] for name in sharing)
+
+    def take(cluster: str) -> None:
+        chosen[cluster] = split
+        for name in members.species_of[cluster] & spare.keys():
+            spare[name] -= members.of_species[name][cluster]
+
     start = wanted
     for cluster in order:
-        if clusters[cluster] <= min(wanted, left):
-            chosen[cluster] = split
-            wanted, left = wanted - clusters[cluster], left - clusters[cluster]
+        if clusters[cluster] <= wanted and can_be_spared(cluster):
+            take(cluster)
+            wanted -= clusters[cluster]
     if wanted == start > 0:  # every cluster is larger than what is wanted: the smallest one, if there are others
-        smallest = min(order, key=lambda cluster: (clusters[cluster], order.index(cluster)), default=None)
-        if smallest is not None and clusters[smallest] <= left:
-            chosen[smallest] = split
+        left = [cluster for cluster in order if can_be_spared(cluster)]
+        smallest = min(left, key=lambda cluster: (clusters[cluster], order.index(cluster)), default=None)
+        if smallest is not None:
+            take(smallest)

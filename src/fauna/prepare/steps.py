@@ -39,7 +39,19 @@ class Step(ABC):
 
     @abstractmethod
     def outputs(self, rows: Rows) -> list[Path]:
-        """Files that a committed photograph must have; where one is missing the photograph is done again."""
+        """Files that a committed photograph must have."""
+
+    def intact(self, rows: Rows) -> bool:
+        """Whether the files of a committed photograph are what was made; where one is missing or changed it is done again."""
+        return all(_is_whole(path) for path in self.outputs(rows))
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether a file is there and not empty, as after a power cut."""
+    try:
+        return path.stat().st_size > 0
+    except OSError:
+        return False
 
 
 def build_step(name: str, settings: Settings, workspace: Workspace) -> Step:

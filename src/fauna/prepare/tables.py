@@ -43,7 +43,7 @@ SCHEMA = pa.schema(
 
 
 def write_table(path: Path, rows: Iterable[Record]) -> int:
-    """Write rows in their order; memory is that of one row group.
+    """Write rows in their order; memory is that of one row group. The caller holds a lock: what killed writers left is removed.
 
     Args:
         path: Parquet file, replaced at once when all rows are written.
@@ -53,7 +53,9 @@ def write_table(path: Path, rows: Iterable[Record]) -> int:
         How many rows.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}{PARTIAL}")
+    for left in path.parent.glob(f".{path.name}.*{PARTIAL}"):
+        left.unlink(missing_ok=True)
+    partial = path.with_name(f".{path.name}.{os.getpid()}{PARTIAL}")
     number = 0
     try:
         with pq.ParquetWriter(partial, SCHEMA, compression="zstd") as writer:

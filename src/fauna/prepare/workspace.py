@@ -1,6 +1,7 @@
 """Where things are: SOURCE is only read, DEST holds the finished set and nothing else, WORK everything on the way to it."""
 
 import contextlib
+import hashlib
 import os
 import re
 from dataclasses import dataclass
@@ -79,7 +80,7 @@ def write_file(path: Path, content: bytes) -> None:
     with contextlib.suppress(OSError):
         if path.stat().st_size == len(content) and path.read_bytes() == content:
             return
-    partial = path.with_name(f".{path.name}.{os.getpid()}{PARTIAL}")  # jobs of one set may write the same file
+    partial = path.with_name(f".{path.name[:40]}.{os.getpid()}{PARTIAL}")  # jobs of one set may write the same file
     try:
         try:
             partial.write_bytes(content)
@@ -93,14 +94,38 @@ def write_file(path: Path, content: bytes) -> None:
         raise
 
 
+def file_digest(path: Path) -> str | None:
+    """SHA-256 of a file's content as hexadecimal digits, ``None`` where it cannot be read."""
+    try:
+        digest = hashlib.sha256()
+        with path.open("rb") as file:
+            while block := file.read(1 << 20):
+                digest.update(block)
+    except OSError:
+        return None
+    return digest.hexdigest()
+
+
+def shown(text: str) -> str:
+    r"""A name for people: one line, whatever letters it has.
+
+    >>> shown("two\nlines \udcff")
+    'two\\nlines \\udcff'
+    """
+    return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
+
+
 def text_of_path(path: Path) -> str:
     r"""A relative path as UTF-8 text: bytes that are no UTF-8 as ``%XX``, and ``%`` itself as ``%25``.
+
+    Halves of characters, which no file name has but JSON may spell, become question marks.
 
     >>> text_of_path(Path("a\udcff/50%.jpg"))
     'a%FF/50%25.jpg'
     """
     text = path.as_posix().replace("%", "%25")
-    return re.sub("[\udc80-\udcff]", lambda match: f"%{ord(match[0]) - 0xDC00:02X}", text)
+    text = re.sub("[\udc80-\udcff]", lambda match: f"%{ord(match[0]) - 0xDC00:02X}", text)
+    return text.encode("utf-8", "replace").decode()
 
 
 def path_of_text(text: str) -> Path:

@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import os
 import re
 import warnings
 from collections.abc import Sequence
@@ -46,7 +47,7 @@ def masks_beside(photo: Path) -> list[Path]:
     """``x_mask.png`` (also of ``x_rgb.jpg``), else ``masks/x.png``, ``masks/x_1.png``, ``masks/x-2.png`` ..., in the order of their names."""
     stem = photo.stem.removesuffix("_rgb")
     for name in (f"{photo.stem}_mask.png", f"{stem}_mask.png"):
-        if (photo.parent / name).is_file():
+        if os.path.isfile(photo.parent / name):  # no file where the name becomes too long
             return [photo.parent / name]
     folder = photo.parent / "masks"
     if not folder.is_dir():

@@ -5,7 +5,7 @@ Written from public descriptions of the format, without the data at hand: ``{"da
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 from fauna.data.readers.animal import Animal, LeftOut
@@ -13,6 +13,8 @@ from fauna.data.readers.collection import KeypointPhotos, photograph_name
 from fauna.data.readers.files import entries, find_image, forward_slashes, keypoint_rows, read_json, require
 from fauna.data.readers.masks import MaskFile
 from fauna.errors import FaunaError
+
+KEYS = ("img_path", "mask_path", "keypoint_2d")
 
 
 class Animal3DPhotos(KeypointPhotos):
@@ -61,38 +63,43 @@ class Animal3DPhotos(KeypointPhotos):
         """As given, else ``keypoint_00``, ``keypoint_01``, ..."""
         if self.given_names is not None:
             return self.given_names
-        first = next((item for content in self._contents.values() for item in content), None)
-        return None if first is None else tuple(f"keypoint_{place:02d}" for place in range(len(first["keypoint_2d"])))
+        lists = (
+            item.get("keypoint_2d") for each in self._contents.values() for item in each if isinstance(item, Mapping)
+        )
+        first = next((points for points in lists if isinstance(points, list)), None)
+        return None if first is None else tuple(f"keypoint_{place:02d}" for place in range(len(first)))
 
     def animals(self, split: str) -> Iterator[Animal | LeftOut]:
         """In the order of the file."""
         for number, item in enumerate(self._contents.get(split, ())):
-            image = forward_slashes(str(item["img_path"]))
-            name = f"{self.root.name}/{self.files[split]}/{number:05d}"
-            match = self.species_pattern.fullmatch(image)
-            mask = find_image(self.images, forward_slashes(str(item["mask_path"])))
-            if match is None:
-                yield LeftOut(name, f"{image} names no species; see data.source.species_pattern")
-            elif mask is None:
-                yield LeftOut(name, f"mask {item['mask_path']} is missing")
-            else:
-                yield Animal(
-                    name=name,
-                    species=match[1],
-                    image=image,
-                    photograph=photograph_name(image, None, dataset=self.root.name),
-                    size=(int(item["width"]), int(item["height"])) if {"width", "height"} <= set(item) else None,
-                    box=None,
-                    mask=MaskFile(mask),
-                    keypoints=keypoint_rows(item["keypoint_2d"], name, shift=0.5, min_visibility=self.min_visibility),
-                )
+            read = partial(self._animal, item, self.files[split], number)
+            yield self.entry(f"{self.files[split]}/entry {number}", read)
+
+    def _animal(self, item: object, file: str, number: int) -> Animal | LeftOut:
+        known = require(item, KEYS, f"{self.root / file} entry {number}")
+        image = forward_slashes(str(known["img_path"]))
+        name = f"{self.root.name}/{file}/{number:05d}"
+        match = self.species_pattern.fullmatch(image)
+        mask = find_image(self.images, forward_slashes(str(known["mask_path"])))
+        if match is None:
+            return LeftOut(name, f"{image} names no species; see data.source.species_pattern")
+        if mask is None:
+            return LeftOut(name, f"mask {known['mask_path']} is missing")
+        return Animal(
+            name=name,
+            species=match[1],
+            image=image,
+            photograph=photograph_name(image, None, dataset=self.root.name),
+            size=(int(known["width"]), int(known["height"])) if {"width", "height"} <= set(known) else None,
+            box=None,
+            mask=MaskFile(mask),
+            keypoints=keypoint_rows(known["keypoint_2d"], name, shift=0.5, min_visibility=self.min_visibility),
+        )
 
     @cached_property
-    def _contents(self) -> dict[str, list[Mapping[str, Any]]]:
+    def _contents(self) -> dict[str, Sequence[Any]]:
         return {split: self._content(file) for split, file in self.files.items()}
 
-    def _content(self, file: str) -> list[Mapping[str, Any]]:
+    def _content(self, file: str) -> Sequence[Any]:
         where = str(self.root / file)
-        items = entries(require(read_json(self.root / file), ["data"], where)["data"], f"{where} data")
-        keys = ["img_path", "mask_path", "keypoint_2d"]
-        return [require(item, keys, f"{where} entry {number}") for number, item in enumerate(items)]
+        return entries(require(read_json(self.root / file), ["data"], where)["data"], f"{where} data")

@@ -6,14 +6,14 @@ file names, and ``bbox`` is left, top, right, bottom. Lists with ``keypoint_name
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 from fauna.data.readers.animal import Animal, LeftOut
 from fauna.data.readers.collection import KeypointPhotos, photograph_name
 from fauna.data.readers.crop import Box
 from fauna.data.readers.files import box_of, entries, forward_slashes, keypoint_rows, read_json, require
-from fauna.data.readers.items import read_items
+from fauna.data.readers.items import read_item
 from fauna.data.readers.keypoints import KEYPOINT_SETS
 from fauna.data.readers.masks import parse_segmentation
 from fauna.errors import FaunaError
@@ -104,16 +104,28 @@ class CocoPhotos(KeypointPhotos):
             return
         file, content = self.files[split], self._contents[split]
         if "items" in content:
-            yield from read_items(
-                content, root=self.root, dataset=self.root.name, file=file, min_visibility=self.min_visibility
-            )
+            listed = entries(content["items"], f"{self.root / file} items")
+            for number, item in enumerate(listed):
+                yield self.entry(f"{file}/entry {number}", partial(self._item, item, number, file))
             return
         where = str(self.root / file)
-        images = _images(content["images"], where)
-        categories = _by_id(content["categories"], f"{where} categories", ["id", "name"])
+        images = _images(content["images"], where, self.skips_bad)
+        categories = _by_id(content["categories"], f"{where} categories", ["id", "name"], self.skips_bad)
         for number, annotation in enumerate(entries(content["annotations"], f"{where} annotations")):
-            require(annotation, ["image_id"], f"{where} annotation {number}")
-            yield self._animal(annotation, f"{file}/{annotation.get('id', number)}", images, categories)
+            yield self.entry(
+                f"{file}/entry {number}", partial(self._annotated, annotation, number, file, where, images, categories)
+            )
+
+    def _item(self, item: object, number: int, file: str) -> Animal:
+        return read_item(
+            item, number, root=self.root, dataset=self.root.name, file=file, min_visibility=self.min_visibility
+        )
+
+    def _annotated(
+        self, annotation: Any, number: int, file: str, where: str, images: Mapping, categories: Mapping
+    ) -> Animal | LeftOut:
+        require(annotation, ["image_id"], f"{where} annotation {number}")
+        return self._animal(annotation, f"{file}/{annotation.get('id', number)}", images, categories)
 
     def statements(self, split: str) -> tuple[str | None, dict[str, str]]:
         """Where the photographs of a split's file come from, and the licence of each by its name in the file, where it says so."""
@@ -184,15 +196,18 @@ class CocoPhotos(KeypointPhotos):
         return require(content, keys, str(self.root / file))
 
 
-def _images(listed: object, where: str) -> dict[str, Mapping[str, Any]]:
+def _images(listed: object, where: str, skips_bad: bool) -> dict[str, Mapping[str, Any]]:
     """Images by id; those of Animal-Pose's map of file names are marked, because its boxes are written differently."""
     if isinstance(listed, Mapping):
         return {str(key): {"file_name": str(name), "corners": True} for key, name in listed.items()}
-    return _by_id(listed, f"{where} images", ["id", "file_name"])
+    return _by_id(listed, f"{where} images", ["id", "file_name"], skips_bad)
 
 
-def _by_id(listed: object, where: str, keys: Sequence[str]) -> dict[str, Mapping[str, Any]]:
-    found = [require(each, keys, f"{where} {number}") for number, each in enumerate(entries(listed, where))]
+def _by_id(listed: object, where: str, keys: Sequence[str], skips_bad: bool) -> dict[str, Mapping[str, Any]]:
+    """Objects by id. Those without the keys end the reading, or are passed over: what names them is left out then."""
+    numbered = enumerate(entries(listed, where))
+    whole = (pair for pair in numbered if not skips_bad or (isinstance(pair[1], Mapping) and set(keys) <= set(pair[1])))
+    found = [require(each, keys, f"{where} {number}") for number, each in whole]
     return {str(each["id"]): each for each in found}
 
 

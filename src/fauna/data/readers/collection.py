@@ -4,7 +4,7 @@ import hashlib
 import re
 import unicodedata
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -73,6 +73,19 @@ class KeypointPhotos(PhotoCollection):
     @abstractmethod
     def read_keypoint_names(self) -> tuple[str, ...] | None:
         """Names of the keypoints as the files spell them, ``None`` when nothing has keypoints."""
+
+    skips_bad: bool = False
+    """Whether an annotation that cannot be read is left out instead of ending the reading: for sets that nobody has looked through."""
+
+    def entry(self, name: str, read: Callable[[], Animal | LeftOut]) -> Animal | LeftOut:
+        """What ``read`` makes of an annotation; where :attr:`skips_bad` is set and it cannot, the annotation left out with the reason."""
+        try:
+            return read()
+        except (FaunaError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            if not self.skips_bad:
+                raise
+            told = str(error) if isinstance(error, FaunaError) else f"{type(error).__name__} {error}"
+            return LeftOut(name, " ".join(told.split())[:200])
 
     @property
     @abstractmethod

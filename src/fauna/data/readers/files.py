@@ -1,6 +1,7 @@
 """Opening annotation files and finding the photographs they name."""
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -65,7 +66,7 @@ def find_image(folder: Path, name: str) -> Path | None:
     parts = [part for part in name.split("/") if part not in ("", ".", "..")]
     for start in range(len(parts)):
         path = folder.joinpath(*parts[start:])
-        if path.is_file():
+        if os.path.isfile(path):  # not so for names that no file can have
             return path
     return None
 

@@ -4,8 +4,8 @@ A JSON list of ``img_path``, ``img_width``, ``img_height``, ``img_bbox`` (x, y, 
 run-length string. The splits are ``.npy`` files of indices into that list.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Iterator, Sequence
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -63,27 +63,28 @@ class StanfordExtraPhotos(KeypointPhotos):
     def animals(self, split: str) -> Iterator[Animal | LeftOut]:
         """In the order of the split's file."""
         for place in self._places[split]:
-            item = self._items[place]
-            name = f"{self.root.name}/{self.file}/{place:05d}"
-            image = forward_slashes(str(item["img_path"]))
-            width, height = int(item["img_width"]), int(item["img_height"])
-            left, top, wide, high = box_of(item["img_bbox"], name)
-            yield Animal(
-                name=name,
-                species="dog",
-                image=image,
-                photograph=photograph_name(image, None, dataset=self.root.name),
-                size=(width, height),
-                box=(left, top, left + wide, top + high),
-                mask=parse_segmentation(item["seg"], height, width),
-                keypoints=keypoint_rows(item["joints"], name, shift=0.5, min_visibility=self.min_visibility),
-            )
+            yield self.entry(f"{self.file}/entry {place}", partial(self._animal, place))
+
+    def _animal(self, place: int) -> Animal:
+        item = require(self._items[place], KEYS, f"{self.root / self.file} entry {place}")
+        name = f"{self.root.name}/{self.file}/{place:05d}"
+        image = forward_slashes(str(item["img_path"]))
+        width, height = int(item["img_width"]), int(item["img_height"])
+        left, top, wide, high = box_of(item["img_bbox"], name)
+        return Animal(
+            name=name,
+            species="dog",
+            image=image,
+            photograph=photograph_name(image, None, dataset=self.root.name),
+            size=(width, height),
+            box=(left, top, left + wide, top + high),
+            mask=parse_segmentation(item["seg"], height, width),
+            keypoints=keypoint_rows(item["joints"], name, shift=0.5, min_visibility=self.min_visibility),
+        )
 
     @cached_property
-    def _items(self) -> list[Mapping[str, Any]]:
-        where = str(self.root / self.file)
-        listed = entries(read_json(self.root / self.file), where)
-        return [require(item, KEYS, f"{where} entry {number}") for number, item in enumerate(listed)]
+    def _items(self) -> Sequence[Any]:
+        return entries(read_json(self.root / self.file), str(self.root / self.file))
 
     @cached_property
     def _places(self) -> dict[str, list[int]]:

@@ -1,5 +1,6 @@
 """Sources with annotation files, by way of the readers of :mod:`fauna.data.readers`."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,13 +9,14 @@ from fauna.data.fauna_folder import SPLITS
 from fauna.data.readers.animal import Animal, LeftOut
 from fauna.data.readers.coco import CocoPhotos
 from fauna.data.readers.collection import KeypointPhotos
-from fauna.data.readers.crop import widen_box
+from fauna.data.readers.crop import Box, widen_box
 from fauna.data.readers.files import find_image
 from fauna.data.readers.masks import Mask, MaskFile
+from fauna.errors import FaunaError
 from fauna.prepare.masks_given import ONE, text_of_mask
 from fauna.prepare.record import Point, Record, Rows
 from fauna.prepare.sources.base import Source
-from fauna.prepare.sources.naming import Naming
+from fauna.prepare.sources.naming import FARTHEST, Naming
 from fauna.prepare.workspace import text_of_path
 
 
@@ -43,7 +45,7 @@ class AnnotatedSource(Source):
     def photos(self) -> Iterator[Rows]:
         """Photographs in the order in which the file first names them; then what cannot be used."""
         animals: dict[str, list[Animal]] = {}
-        unusable: list[Record] = []
+        unusable: list[LeftOut] = []
         origins: dict[str, str | None] = {}
         licences: dict[str, str] = {}
         for split in SPLITS:
@@ -51,23 +53,51 @@ class AnnotatedSource(Source):
             stated = self.reader.statements(split) if entries and isinstance(self.reader, CocoPhotos) else (None, {})
             licences.update(stated[1])
             for entry in entries:
-                if isinstance(entry, LeftOut):
-                    unusable.append(self.naming.unusable(entry.name, entry.reason, "annotation"))
+                told = entry if isinstance(entry, LeftOut) else self._fault(entry)
+                if told is not None:
+                    unusable.append(told)
                     continue
+                assert isinstance(entry, Animal)
                 animals.setdefault(entry.image, []).append(entry)
                 origins[entry.image] = stated[0]
         seen: dict[Path, str] = {}
+        missing: list[tuple[str, Animal]] = []
         for image, found in animals.items():
             path = find_image(self.images, image)
             if path is None:
-                unusable.append(self._missing(image, found[0]))
+                missing.append((image, found[0]))
             elif path in seen:  # two names of one file
-                reason = f"{image} is the file of {seen[path]}"
-                unusable.append(self.naming.unusable(found[0].name, reason, "annotation", found[0].species))
+                unusable += [LeftOut(each.name, f"{image} is the file of {seen[path]}") for each in found]
             else:
                 seen[path] = image
                 yield self._rows(path, found, licences.get(image), origins[image])
-        yield from ((row,) for row in unusable)
+        yield from ((self._missing(*each),) for each in missing)
+        yield from self._left_out(unusable)
+
+    def _fault(self, animal: Animal) -> LeftOut | None:
+        """What is wrong with an annotation by itself."""
+        names = self.keypoint_names
+        if animal.keypoints is not None and names is not None and len(animal.keypoints) != len(names):
+            return LeftOut(animal.name, f"has {len(animal.keypoints)} keypoints for {len(names)} names")
+        places = [*(animal.box or ()), *(side for point in animal.keypoints or () for side in point[:2])]
+        if any(abs(place) > FARTHEST for place in places):
+            return LeftOut(animal.name, "has a box or keypoint farther away than any photograph reaches")
+        if animal.box is not None and animal.mask is None and not _has_area(animal.box):
+            return LeftOut(animal.name, f"its box {animal.box} is empty")
+        if isinstance(animal.mask, MaskFile):
+            try:
+                self.naming.text(animal.mask.path)
+            except FaunaError:
+                return LeftOut(animal.name, f"its mask {animal.mask.path} is outside of the source")
+        return None
+
+    def _left_out(self, entries: Sequence[LeftOut]) -> Iterator[Rows]:
+        """A row each; entries of one name, which files may have, are told apart."""
+        names: Counter[str] = Counter()
+        for entry in entries:
+            names[entry.name] += 1
+            again = f" ({names[entry.name]})" if names[entry.name] > 1 else ""
+            yield (self.naming.unusable(f"{entry.name}{again}", entry.reason, "annotation"),)
 
     def _rows(self, path: Path, animals: Sequence[Animal], licence: str | None, provenance: str | None) -> Rows:
         return tuple(
@@ -80,7 +110,7 @@ class AnnotatedSource(Source):
                 provenance=provenance,
                 origin=text_of_path(Path(animal.name)),
                 annotated_size=animal.size,
-                box=None if animal.box is None else widen_box(animal.box, self.box_margin),
+                box=widen_box(animal.box, self.box_margin) if animal.box and _has_area(animal.box) else None,
                 given_mask=None if animal.mask is None else self._mask_text(animal.mask),
                 keypoints=animal.keypoints,
             )
@@ -124,6 +154,11 @@ class SeveralSources(Source):
                 yield tuple(
                     replace(row, keypoints=_placed(row.keypoints, source.keypoint_names or (), places)) for row in rows
                 )
+
+
+def _has_area(box: Box) -> bool:
+    left, top, right, bottom = box
+    return left < right and top < bottom
 
 
 def joined(sources: Sequence[AnnotatedSource]) -> Source:

@@ -45,6 +45,7 @@ def _annotated(
         return None
     profile = _profile(content, form, kind)
     reader = _reader(file, content, form, profile, settings.source.min_visibility)
+    reader.skips_bad = True
     reader.root = file.parent  # as it was given: rows name files below SOURCE, whatever links lead there
     base = file.parent if root.is_file() else root
     reader.images = _images_folder(file, content, form, base, settings.source.images)

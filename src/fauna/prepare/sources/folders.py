@@ -1,5 +1,6 @@
 """Sources without annotation files: folders per species, photographs and masks in parallel trees, frames of videos."""
 
+import os
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -38,8 +39,7 @@ class FolderSource(Source):
         """Every photograph, folder by folder."""
         for path in walk(self.root, avoid=self.naming.results):
             if isinstance(path, OSError):
-                name = Path(str(path.filename)).relative_to(self.root)
-                yield (self.naming.unusable(str(name), f"{path.strerror or path}", "unreadable"),)
+                yield (self.naming.unlisted(path, self.root),)
             elif is_photo(path):
                 yield self._rows(path)
 
@@ -89,13 +89,13 @@ class PairedSource(Source):
         """Every photograph; one without a mask is left to the segmenter."""
         for path in walk(self.images, avoid=self.naming.results):
             if isinstance(path, OSError):
-                yield (self.naming.unusable(str(path.filename), str(path.strerror), "unreadable"),)
+                yield (self.naming.unlisted(path, self.images),)
             elif is_photo(path):
                 yield (self._row(path),)
 
     def _row(self, path: Path) -> Record:
         relative = path.relative_to(self.images)
-        mask = next(filter(Path.is_file, _mask_names(self.masks / relative)), None)
+        mask = next(filter(os.path.isfile, _mask_names(self.masks / relative)), None)
         species = next((part for part in relative.parts[:-1] if part.lower() not in TRANSPARENT), None)
         holds = OBJECTS if self.kind == "davis" else ANY
         given = None if mask is None else f"{holds}:{self.naming.text(mask)}"
@@ -137,7 +137,7 @@ def licence_beside(photo: Path) -> str | None:
     for folder in subfolders(top):
         if "licen" in folder.name.lower():
             text = folder / photo.parent.name / f"{photo.stem}.txt"
-            if text.is_file():
+            if os.path.isfile(text):
                 lines = text.read_text(encoding="utf-8", errors="replace").split("\n")
                 return next((line.strip() for line in lines if line.strip()), None)
     return None

@@ -1,7 +1,7 @@
 """A CSV file with a row for each animal: ``image,species`` and, if known, ``mask,licence,provenance,group,left,top,right,bottom``."""
 
 import csv
-import math
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import groupby
@@ -11,9 +11,12 @@ from fauna.errors import FaunaError
 from fauna.prepare.masks_given import ONE
 from fauna.prepare.record import Record, Rows
 from fauna.prepare.sources.base import Source
-from fauna.prepare.sources.naming import Naming
+from fauna.prepare.sources.naming import FARTHEST, Naming
 
 COLUMNS = ("image", "species", "mask", "licence", "provenance", "group", "left", "top", "right", "bottom")
+BOX = COLUMNS[-4:]
+ANIMAL = ("mask", *BOX)
+"""What tells the animals of a photograph apart."""
 ALIASES = {
     "file": "image", "filename": "image", "path": "image", "category": "species", "class": "species", "label": "species",
     "license": "licence", "source": "provenance", "url": "provenance", "video": "group",
@@ -24,7 +27,7 @@ ALIASES = {
 class TableSource(Source):
     """Photographs that a CSV file names, relative to its folder.
 
-    Memory holds a number for each photograph. Several animals of one photograph are lines that follow one another.
+    Several animals of one photograph are lines that follow one another. Memory holds two numbers for each line.
 
     Attributes:
         file: with a header line.
@@ -39,34 +42,67 @@ class TableSource(Source):
     keypoint_names: tuple[str, ...] | None = None
 
     def photos(self) -> Iterator[Rows]:
-        """Photographs in the order of the file.
+        """Photographs in the order of the file; a line that cannot be used, or says again what an earlier one says, is a row with a reason.
 
         Raises:
-            FaunaError: when the file has no header with ``image``, or comes back to a photograph.
+            FaunaError: when the file has no header with ``image``, or comes back to a photograph with another animal.
         """
-        seen: set[int] = set()
-        for image, lines in groupby(self._lines(), key=lambda line: line[1]["image"]):
-            mark = hash(image)
-            numbered = list(lines)
-            if mark in seen:
-                raise FaunaError(
-                    f"{self.file} line {numbered[0][0]}: expected all animals of {image} in one place, got it again; sort the file"
-                )
-            seen.add(mark)
-            path = self.images / image
-            if not image or not path.is_file() or not _below(path, self.naming.workspace.root):
-                name = f"{self.file.name} line {numbered[0][0]}"
-                word = "missing" if image else "annotation"
-                yield (self.naming.unusable(name, f"{image or 'no photograph'} is missing", word),)
+        said: dict[int, int] = {}
+        begun: set[int] = set()
+        for place, lines in groupby(self._placed_lines(), key=lambda line: line[0]):
+            found: list[tuple[int, dict[str, str]]] = []
+            for _, number, values in lines:
+                fault = None if place is not None else f"{values['image'] or 'no photograph'} is missing"
+                word = "missing" if values["image"] else "annotation"
+                if fault is None:
+                    fault, word = self._fault(values), "annotation"
+                if fault is None:
+                    mark = hash((place, *(values.get(key) for key in ANIMAL)))
+                    before = said.setdefault(mark, number)
+                    fault = None if before == number else f"names the same animal as line {before}"
+                if fault is None:
+                    found.append((number, values))
+                else:
+                    yield (self.naming.unusable(f"{self.file.name} line {number}", fault, word),)
+            if place is None or not found:
                 continue
-            yield tuple(self._row(path, index, number, values) for index, (number, values) in enumerate(numbered))
+            if hash(place) in begun:
+                raise FaunaError(
+                    f"{self.file} line {found[0][0]}: expected all animals of {place} in one place, got it again; sort the file"
+                )
+            begun.add(hash(place))
+            path = self.naming.workspace.photo(place)
+            yield tuple(self._row(path, index, number, values) for index, (number, values) in enumerate(found))
+
+    def _placed_lines(self) -> Iterator[tuple[str | None, int, dict[str, str]]]:
+        """The photograph of every line by its one text (``./a.jpg`` is ``a.jpg``), ``None`` where there is no such file; number; values."""
+        for number, values in self._lines():
+            path = self.images / values["image"]
+            there = bool(values["image"]) and os.path.isfile(path) and self._text(path) is not None
+            yield self._text(path) if there else None, number, values
+
+    def _text(self, path: Path) -> str | None:
+        """The text of a file of the source, also of one that links lead to; ``None`` for another."""
+        try:
+            text = self.naming.text(path)
+            folders = self.naming.workspace
+            within = folders.work if text.startswith("work:") else folders.root
+            return text if path.resolve().is_relative_to(within.resolve()) else None
+        except (FaunaError, OSError, ValueError):  # a name with a null byte, a link to itself
+            return None
+
+    def _fault(self, values: Mapping[str, str]) -> str | None:
+        """What is wrong with a line by itself."""
+        mask = values.get("mask")
+        if mask and self._text(self.images / mask) is None:
+            return f"mask {mask} is outside of the source"
+        if any(values.get(key) for key in BOX) and _box(values) is None:
+            texts = [values.get(key) for key in BOX]
+            return f"expected left,top,right,bottom as numbers with left < right and top < bottom, got {texts}"
+        return None
 
     def _row(self, path: Path, index: int, number: int, values: Mapping[str, str]) -> Record:
         mask = values.get("mask")
-        box = self._box(number, values)
-        if mask and not _below(self.images / mask, self.naming.workspace.root):
-            name = f"{self.file.name} line {number}"
-            return self.naming.unusable(name, f"mask {mask} is outside of the source", "annotation")
         return self.naming.row(
             path,
             values.get("species"),
@@ -75,23 +111,9 @@ class TableSource(Source):
             licence=values.get("licence"),
             provenance=values.get("provenance"),
             origin=f"{self.file.name} line {number}",
-            box=box,
+            box=_box(values),
             given_mask=None if not mask else f"{ONE}:{self.naming.text(self.images / mask)}",
         )
-
-    def _box(self, number: int, values: Mapping[str, str]) -> tuple[float, float, float, float] | None:
-        texts = [values.get(key) for key in COLUMNS[-4:]]
-        if not any(texts):
-            return None
-        try:
-            left, top, right, bottom = (float(text or "") for text in texts)
-            if not (math.isfinite(left + top + right + bottom) and left < right and top < bottom):
-                raise ValueError("no box")
-        except ValueError as error:
-            raise FaunaError(
-                f"{self.file} line {number}: expected left,top,right,bottom as numbers with left < right and top < bottom, got {texts}; mend the file"
-            ) from error
-        return left, top, right, bottom
 
     def _lines(self) -> Iterator[tuple[int, dict[str, str]]]:
         """Line number and values by column, empty ones left out; ``image`` is always there."""
@@ -121,9 +143,12 @@ def column(name: str) -> str:
     return ALIASES.get(plain, plain)
 
 
-def _below(path: Path, folder: Path) -> bool:
-    """Whether a path that a file names stays within the source."""
+def _box(values: Mapping[str, str]) -> tuple[float, float, float, float] | None:
+    """The box of a line, ``None`` without one or where it is none."""
     try:
-        return path.resolve().is_relative_to(folder.resolve())
-    except (OSError, ValueError):  # a name with a null byte, a link to itself
-        return False
+        left, top, right, bottom = (float(values.get(key) or "") for key in BOX)
+    except ValueError:
+        return None
+    near = all(abs(side) <= FARTHEST for side in (left, top, right, bottom))  # not so for what is no number
+    good = near and left < right and top < bottom
+    return (left, top, right, bottom) if good else None

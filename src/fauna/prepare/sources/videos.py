@@ -89,7 +89,8 @@ def unpack_video(av: Any, path: Path, folder: Path, rate: float) -> list[int] | 
     Returns:
         Their numbers, or in words why there is none. A damaged video gives the frames before the damage.
     """
-    stamp = {"bytes": path.stat().st_size, "frames_per_second": rate}
+    found = path.stat()
+    stamp = {"bytes": found.st_size, "mtime_ns": found.st_mtime_ns, "frames_per_second": rate}
     try:
         known = json.loads((folder / LIST).read_text(encoding="utf-8"))
         if known["stamp"] == stamp:
