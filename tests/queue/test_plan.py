@@ -26,6 +26,12 @@ def test_keys_can_be_changed_and_lists_may_nest():
     assert plan.experiment == "tiny"
 
 
+def test_common_words_come_before_those_of_a_row():
+    runs = {run.name: run.overrides for run in read_plan("ablation", ["common=[init_from=a.safetensors,name=x]"]).runs()}
+    assert runs["final-0"] == ("init_from=a.safetensors", "name=x")
+    assert runs["k2-0"] == ("init_from=a.safetensors", "name=x", "bank.num_slots=2")
+
+
 @pytest.mark.parametrize(
     ("name", "changes", "expected"),
     [
@@ -35,6 +41,7 @@ def test_keys_can_be_changed_and_lists_may_nest():
         ("ablation", ["rows.final=bank=none"], "rows.final"),
         ("ablation", ["more_seeds.nobody=[1]"], "names of rows"),
         ("ablation", ["seeds=[one]"], "whole numbers"),
+        ("ablation", ["common=init_from=a"], "common"),
     ],
 )
 def test_wrong_words_get_one_line(name, changes, expected):

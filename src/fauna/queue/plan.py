@@ -124,7 +124,8 @@ def _words(text: str) -> list[str]:
 
 
 def _checked(content: Any) -> Plan:
-    plan = Plan(**{**content, "more_seeds": content.get("more_seeds") or {}, "groups": content.get("groups") or {}})
+    empty = {"common": [], "more_seeds": {}, "groups": {}}
+    plan = Plan(**{**content, **{key: content.get(key) or none for key, none in empty.items()}})
     if not plan.rows or not plan.evaluations:
         raise ValueError("no rows or no evaluations")
     if not isinstance(plan.common, list) or not all(isinstance(word, str) for word in plan.common):
