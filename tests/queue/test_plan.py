@@ -75,7 +75,7 @@ GOOD = {"experiment": "tiny", "seeds": [0], "rows": {"a": []}, "evaluations": {"
         ({"seeds": [True]}, "whole numbers"),
         ({"seeds": [-1]}, "whole numbers"),
         ({"more_seeds": {"a": 1}}, "whole numbers"),
-        (None, "list where keys and values belong"),
+        (None, "got .*; mend"),
     ],
 )
 def test_files_of_another_form_get_one_line(tmp_path, change, expected):

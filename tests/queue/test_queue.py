@@ -13,6 +13,7 @@ import pytest
 from fauna.queue.plan import read_plan
 from fauna.queue.runner import _claimed, commands, work
 from fauna.queue.summary import markdown, summarise
+from tests.runs import command_environment
 
 PLAN = """
 experiment: tiny
@@ -107,7 +108,7 @@ def test_a_command_that_outlives_its_queue_keeps_the_lock(tmp_path):
         "runner.commands = lambda plan, run, out: [['sleeper']]\n"
         "runner.work(read_plan('ablation', []), Path('out'), say=lambda text: None)"
     )
-    queue = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path)
+    queue = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, env=command_environment())
     log = tmp_path / "out" / "final-0" / "queue.log"
     until(lambda: log.is_file() and log.read_text().endswith("\n"))
     queue.kill()

@@ -171,9 +171,8 @@ class Reconstructor:
 
     def _results(self, given: Sequence[PhotoInput | Result], masks: Sequence[MaskInput | None]) -> list[Result]:
         if not isinstance(masks, list | tuple) or len(masks) != len(given):
-            raise FaunaError(
-                f"masks: expected one for each of {len(given)} photographs, got {masks!r:.60}; e.g. (mask, None)"
-            )
+            got = len(masks) if isinstance(masks, list | tuple) else type(masks).__name__
+            raise FaunaError(f"masks: expected one for each of {len(given)} photographs, got {got}; e.g. (mask, None)")
         return [
             each if isinstance(each, Result) else self.reconstruct(each, mask=mask)
             for each, mask in zip(given, masks, strict=True)
