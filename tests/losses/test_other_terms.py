@@ -157,8 +157,10 @@ def test_side_view_prior_prefers_the_side_and_leaves_the_front_alone():
     loss = side_view_loss(rotations)
     expected = [1 - math.exp(-(math.cos(math.radians(d)) ** 2) / (2 * SIDE_SPREAD**2)) for d in degrees.tolist()]
     assert loss.tolist() == pytest.approx(expected)
-    assert loss.argmin() == 5 and float(loss[5]) == pytest.approx(0.0, abs=1e-12)
+    assert loss.argmin() == 5
+    assert float(loss[5]) == pytest.approx(0.0, abs=1e-12)
     (slope,) = torch.autograd.grad(loss.sum(), degrees)
-    assert (slope[2:5] < 0).all() and (slope[6:8] > 0).all()  # towards the side from either hand
+    assert (slope[2:5] < 0).all()
+    assert (slope[6:8] > 0).all()
     assert slope[[0, 1, 8, 9]].abs().max() < 0.15 * slope.abs().max()
     assert torch.autograd.gradcheck(side_view_loss, rotations.detach().requires_grad_())
