@@ -27,7 +27,9 @@ def test_keys_can_be_changed_and_lists_may_nest():
 
 
 def test_common_words_come_before_those_of_a_row():
-    runs = {run.name: run.overrides for run in read_plan("ablation", ["common=[init_from=a.safetensors,name=x]"]).runs()}
+    runs = {
+        run.name: run.overrides for run in read_plan("ablation", ["common=[init_from=a.safetensors,name=x]"]).runs()
+    }
     assert runs["final-0"] == ("init_from=a.safetensors", "name=x")
     assert runs["k2-0"] == ("init_from=a.safetensors", "name=x", "bank.num_slots=2")
 
