@@ -5,7 +5,7 @@ Windows are half-open ``[start, stop)`` in 0-based steps; ``stop`` of ``None`` m
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, TypeGuard
 
 from fauna.errors import FaunaError
 
@@ -202,8 +202,8 @@ class Schedule:
         found = {edge for window in (*self.windows.values(), self.all_hypotheses) for edge in window or () if edge}
         steps = (self.leg_limits, self.grid_resolution, self.viewpoint_lr)
         for value in (*self.weights.values(), *self.target_weights.values(), *steps):
-            pairs = value if _is_pairs(value) else ()
-            found.update(int(start) for start, _ in pairs if start)
+            if _is_pairs(value):
+                found.update(int(start) for start, _ in value if start)
         return sorted(edge - self.start_at for edge in found if edge > self.start_at)
 
     def _temperature(self, step: int) -> float:
@@ -227,7 +227,7 @@ def _check_window(name: str, window: Window) -> None:
         raise FaunaError(f"schedule.{name} must not end before it starts, got {list(window)}; swap the two steps")
 
 
-def _is_pairs(value: Piecewise) -> bool:
+def _is_pairs(value: Piecewise) -> TypeGuard[Sequence[Any]]:
     return isinstance(value, Sequence) and not isinstance(value, str)
 
 

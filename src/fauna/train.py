@@ -163,7 +163,7 @@ def _check_feature_space(weights: Path, theirs: dict[str, Any], cfg: DictConfig)
     wanted = OmegaConf.to_container(cfg.feature_space, resolve=True)
     stored = theirs.get("feature_space") or {}
     assert isinstance(wanted, dict)
-    for key in sorted(wanted.keys() - {"max_images"}):
+    for key in sorted(str(key) for key in wanted if key != "max_images"):
         if stored.get(key) != wanted[key]:
             raise FaunaError(
                 f"init_from: expected weights of the feature space that is composed, got {weights} with {key} "
