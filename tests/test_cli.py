@@ -75,6 +75,7 @@ def test_bad_input_in_a_process_of_its_own(tmp_path):
         (["+experiment=tiny", "trainer.precision=bf16-mixed"], ["trainer.precision", "32-true", "bf16-mixed"]),
         (["init_components=[bank]"], ["init_components", "init_from"]),
         (["init_components=bank"], ["init_components", "'bank'"]),
+        (["feature_space.whitening=-1"], ["feature_space.whitening", "0 to 1", "-1"]),
         (["schedule.viewpoint_lr=-1"], ["schedule.viewpoint_lr", ">= 0", "-1"]),
         (["schedule.viewpoint_lr=slow"], ["schedule.viewpoint_lr", ">= 0", "slow"]),
         (["feature_lookup=faces"], ["feature_lookup", "vertices, pixels", "'faces'"]),

@@ -40,7 +40,7 @@ def test_every_option_composes_and_binds(group, option):
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_every_experiment_composes_and_binds(experiment):
-    needs = {"laptop_bodies": ["init_from=pretrained"]}  # goes on from another run
+    needs = {name: ["init_from=pretrained"] for name in ("laptop_bodies", "ablation_bodies")}  # go on from another run
     validate(composed(f"+experiment={experiment}", *needs.get(experiment, [])))
 
 

@@ -5,7 +5,18 @@ from fauna.errors import FaunaError
 from fauna.stages import Stage
 from tests.runs import composed
 
-SCHEDULES = ["paper", "published", "released", "laptop", "laptop_viewpoints", "laptop_bodies", "quickstart", "tiny"]
+SCHEDULES = [
+    "paper",
+    "published",
+    "released",
+    "laptop",
+    "laptop_viewpoints",
+    "laptop_bodies",
+    "ablation",
+    "ablation_bodies",
+    "quickstart",
+    "tiny",
+]
 
 
 @pytest.fixture(scope="module")
@@ -88,3 +99,16 @@ def test_bad_windows(override, message):
         build_schedule(composed(override))
     assert isinstance(caught.value.__cause__, FaunaError)
     assert __import__("re").search(message, str(caught.value.__cause__))
+
+
+def test_constant_words_have_no_boundaries():
+    steps = build_schedule(composed("schedule=laptop")).boundaries()
+    assert build_schedule(composed("schedule=laptop", "schedule.leg_limits=paper")).boundaries() == steps
+
+
+@pytest.mark.parametrize("value", ["[3]", "[[0,1],[5]]", "[[0,1,2]]", "[]", "[[zero,1]]"])
+@pytest.mark.parametrize("key", ["viewpoint_lr", "weights.feature", "grid_resolution"])
+def test_what_is_no_list_of_pairs_is_refused(key, value):
+    with pytest.raises(Exception, match=rf"schedule\.{key} must be a number or pairs") as caught:
+        build_schedule(composed(f"schedule.{key}={value}"))
+    assert isinstance(caught.value.__cause__ or caught.value, FaunaError)

@@ -1,5 +1,7 @@
 """Optimiser groups, and which parameters a step of either player touches."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -165,3 +167,22 @@ def test_learning_rates_follow_the_stage(system, cfg):
         for group in optimizer.param_groups:
             own = 0.1 if group.get("name") == "viewpoint" else 1.0
             assert group["lr"] == pytest.approx(group["initial_lr"] * scale * own)
+
+
+def test_what_stands_still_does_not_count_in_the_norm(system):
+    """However large its gradients are, or no numbers at all: everything else moves as if they were not there."""
+    system.options = replace(system.options, clip_norm=1.0)
+    optimizer = system.configure_optimizers()[0]
+    frozen = next(group for group in optimizer.param_groups if group["name"] == "viewpoint")
+    frozen["lr"] = 0.0
+    other = next(group for group in optimizer.param_groups if group["name"] == "rest")["params"][0]
+    before = [parameter.detach().clone() for parameter in frozen["params"]]
+    for value in (1e6, torch.nan):
+        other.grad = torch.zeros_like(other)
+        other.grad.view(-1)[0] = 0.5  # below the limit
+        for parameter in frozen["params"]:
+            parameter.grad = torch.full_like(parameter, value)
+        system._finish(optimizer, list(system.model.parameters()), torch.zeros(()))
+        assert system.last_finite
+        assert float(other.grad.view(-1)[0]) == 0.5
+        assert all(map(torch.equal, before, frozen["params"]))

@@ -341,3 +341,26 @@ def test_dataset_of_the_tests_does_not_change():
     ]
     assert len(colours) == 10
     assert len(set(colours)) == 10
+
+
+def test_a_resumed_run_has_the_rates_it_was_given(tmp_path):
+    """As the message about steps without a finite loss advises."""
+    words = (*EVERY_STEP, "schedule.lr_decay.stop=30", "resume=auto")
+    run(tmp_path, *tiny(*words, "trainer.max_steps=2"))
+    run(tmp_path, *tiny(*words, "trainer.max_steps=3", "optimizer.lr=0", "optimizer.prior_lr=0"))
+    second, third = (weights_of(state(tmp_path, step), "model.") for step in (2, 3))
+    for found in (second, third):
+        found.pop("model._extra_state")  # the stage has moved on
+    assert same_bits(second, third)
+
+
+def test_checkpoints_with_other_groups_are_refused(reference, tmp_path):
+    saved = state(reference, 5)
+    groups = saved["optimizer_states"][0]["param_groups"]
+    groups[1]["params"] += groups.pop()["params"]
+    torch.save(saved, tmp_path / "old.ckpt")
+    with pytest.raises(
+        FaunaError, match="^resume: expected a checkpoint whose parameters learn in the groups"
+    ) as caught:
+        run(tmp_path / "run", *tiny(f"resume={tmp_path / 'old.ckpt'}"))
+    assert "\n" not in str(caught.value)

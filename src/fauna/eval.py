@@ -11,10 +11,12 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from fauna._conf import CONF_DIR
-from fauna.cli import hydra_job, run_cli
+from fauna.cli import hydra_job, run_cli, user_message
 from fauna.errors import FaunaError
 
 if TYPE_CHECKING:
+    from fauna.data.datamodule import PhotoDataModule
+    from fauna.encoder.base import Encoder
     from fauna.evaluation.gather import Gatherer
     from fauna.losses.objective import Objective
 
@@ -100,7 +102,7 @@ def predict_checkpoint(cfg: DictConfig, folder: Path) -> None:
     stored.data.on_bad = "error"  # nothing is read before its turn; what cannot be used is left out by name
     check_targets(stored.data, "data")
     stored.renderer = cfg.renderer  # not learned: any machine can evaluate what another has trained
-    data = instantiate(stored.data, _convert_="all", _partial_=True)(encoder=encoder)
+    data = _open_dataset(stored.data, encoder, given=given)
     model = build_model(stored, encoder)
     data.number_species(load_weights(model, path)["species"])
     model.eval()
@@ -153,6 +155,27 @@ def _dataset(stored: DictConfig, given: DictConfig) -> DictConfig:
     if "root" in changes:
         stored.source.root = changes["root"]
     return cast(DictConfig, OmegaConf.merge(stored, changes))
+
+
+def _open_dataset(config: DictConfig, encoder: "Encoder", *, given: bool) -> "PhotoDataModule":
+    """The photographs; ``given``: by the command line, else they are those of the training, which need not lie on this machine.
+
+    Raises:
+        FaunaError: when they cannot be opened.
+    """
+    from hydra.utils import instantiate
+
+    try:
+        return instantiate(config, _convert_="all", _partial_=True)(encoder=encoder)
+    except Exception as error:
+        reason = user_message(error, "fauna-eval")
+        if given or reason is None:
+            raise
+        raise FaunaError(
+            "data: expected a dataset, as that of the training is not on this machine, got none; add data=zoo, or data=fauna "
+            "data.root=FOLDER for photographs of your own, or data.root=FOLDER for those of the training "
+            f"({reason.split(';')[0].split(': ')[-1]})"
+        ) from error
 
 
 def _compare() -> None:

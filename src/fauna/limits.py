@@ -15,6 +15,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "shade_fraction": (1e-3, 1),
     "camera.fov_deg": (1, 170),
     "camera.distance": (1e-3, math.inf),
+    "feature_space.whitening": SHARE,
     "bank.num_slots": POSITIVE,
     "bank.top_k": POSITIVE,
     "bank.value_dim": POSITIVE,

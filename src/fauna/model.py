@@ -127,12 +127,12 @@ class FaunaModel(nn.Module):
 
         Args:
             image: (height, width, 3) 8-bit RGB.
-            mask: (height, width) true (or above 127) on the animal.
+            mask: (height, width) true, 1 or above 127 on the animal.
             crop: cut the crop around the mask; otherwise image and mask are a square crop already.
             size: side of the crop and of the rendered pictures, pixels.
 
         Raises:
-            FaunaError: when image or mask are of another form, or the mask is empty.
+            FaunaError: when image, mask or size are of another form, or the mask is empty.
         """
         from fauna.data.single import single_photo
 

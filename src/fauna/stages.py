@@ -5,7 +5,7 @@ Windows are half-open ``[start, stop)`` in 0-based steps; ``stop`` of ``None`` m
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, TypeGuard
 
 from fauna.errors import FaunaError
 
@@ -85,7 +85,7 @@ def piecewise(step: int, value: Piecewise) -> Any:
     >>> piecewise(299_999, [[0, 10], [300_000, 1]]), piecewise(300_000, [[0, 10], [300_000, 1]]), piecewise(7, 0.5)
     (10, 1, 0.5)
     """
-    if not isinstance(value, Sequence) or isinstance(value, str):
+    if not _is_pairs(value):
         return value
     return [held for start, held in value if start <= step][-1]
 
@@ -157,7 +157,7 @@ class Schedule:
         _check_piecewise("leg_limits", leg_limits)
         _check_piecewise("grid_resolution", grid_resolution)
         _check_piecewise("viewpoint_lr", viewpoint_lr)
-        pairs = isinstance(viewpoint_lr, Sequence) and not isinstance(viewpoint_lr, str)
+        pairs = _is_pairs(viewpoint_lr)
         for factor in [value for _, value in viewpoint_lr] if pairs else [viewpoint_lr]:
             if isinstance(factor, bool) or not isinstance(factor, int | float) or not 0 <= factor < float("inf"):
                 raise FaunaError(
@@ -202,8 +202,8 @@ class Schedule:
         found = {edge for window in (*self.windows.values(), self.all_hypotheses) for edge in window or () if edge}
         steps = (self.leg_limits, self.grid_resolution, self.viewpoint_lr)
         for value in (*self.weights.values(), *self.target_weights.values(), *steps):
-            pairs = value if isinstance(value, Sequence) else ()
-            found.update(int(start) for start, _ in pairs if start)
+            if _is_pairs(value):
+                found.update(int(start) for start, _ in value if start)
         return sorted(edge - self.start_at for edge in found if edge > self.start_at)
 
     def _temperature(self, step: int) -> float:
@@ -227,10 +227,15 @@ def _check_window(name: str, window: Window) -> None:
         raise FaunaError(f"schedule.{name} must not end before it starts, got {list(window)}; swap the two steps")
 
 
+def _is_pairs(value: Piecewise) -> TypeGuard[Sequence[Any]]:
+    return isinstance(value, Sequence) and not isinstance(value, str)
+
+
 def _check_piecewise(name: str, value: Piecewise) -> None:
-    if not isinstance(value, Sequence) or isinstance(value, str):
+    if not _is_pairs(value):
         return
-    starts = [pair[0] for pair in value]
+    whole = all(_is_pairs(pair) and len(pair) == 2 and isinstance(pair[0], int) for pair in value)
+    starts = [pair[0] for pair in value] if whole else []
     if not starts or starts[0] != 0 or starts != sorted(starts):
         raise FaunaError(
             f"schedule.{name} must be a number or pairs [step, value] from step 0 on in ascending order, got {value}; sort them"

@@ -37,7 +37,7 @@ class OptimizerOptions:
         eps: of the model's Adam.
         discriminator_betas: of the discriminator's Adam.
         discriminator_eps: of the discriminator's Adam.
-        clip_norm: maximal gradient norm over the whole model, ``None`` = no clipping.
+        clip_norm: maximal gradient norm over everything that learns at the step, ``None`` = no clipping.
     """
 
     prior_lr: float
@@ -171,8 +171,19 @@ class FaunaSystem(LightningModule):
                 own = stage.viewpoint_lr_scale if group.get("name") == "viewpoint" else 1.0
                 group["lr"] = group["initial_lr"] * stage.lr_scale * own
 
+    def on_train_start(self) -> None:
+        """The settings of this run hold, not those that a checkpoint was written with."""
+        restored = self.optimizers(use_pl_optimizer=False)
+        for optimizer, wanted in zip(restored, self.configure_optimizers(), strict=True):  # type: ignore[arg-type]
+            for group, given in zip(optimizer.param_groups, wanted.param_groups, strict=True):
+                group.update({key: given[key] for key in ("initial_lr", "betas", "eps")})
+
     def _finish(self, optimizer: Any, parameters: list[torch.nn.Parameter], total: Tensor) -> None:
         """Average, check, clip and step. A non-finite step leaves weights and optimiser state as they were."""
+        for group in optimizer.param_groups:
+            if group["lr"] == 0.0:  # stands still: its gradients must not shorten the step of all others
+                for parameter in group["params"]:
+                    parameter.grad = None
         average_gradients(parameters)
         grads = [parameter.grad for parameter in parameters if parameter.grad is not None]
         norm = torch.nn.utils.get_total_norm(grads)

@@ -78,7 +78,7 @@ def train(cfg: DictConfig, folder: Path) -> dict[str, Any]:
     data.prepare(seed=cfg.seed, report=print)
     data.check_trainable()
     if resume is not None:
-        check_fits(resume, system.state_dict())
+        check_fits(resume, system.state_dict(), [each.state_dict() for each in system.configure_optimizers()])
         report_changes(resume, config, data.photos_digest(), encoder.fingerprint)
     encoder.to(trainer.strategy.root_device)
     if resume is None:
@@ -124,19 +124,14 @@ def weights_to_start_from(init_from: str | None) -> Path | None:
     Raises:
         FaunaError: when it does not exist, or no model ships with this version.
     """
-    from fauna.pretrained.shipped import PRETRAINED, shipped_weights
+    from fauna.evaluation.weights import locate
 
     if init_from is None:
         return None
-    if init_from == PRETRAINED:
-        return shipped_weights()
-    path = Path(init_from).expanduser()
-    if not path.is_file():
-        raise FaunaError(
-            f"init_from: expected a weight file, a checkpoint or {PRETRAINED}, got {init_from}, which does not exist; "
-            "check the path"
-        )
-    return path
+    try:
+        return locate(init_from)
+    except FaunaError as error:
+        raise FaunaError(f"init_from: {str(error).removeprefix('checkpoint: ')}") from error
 
 
 def _start(cfg: DictConfig, weights: Path | None, system: "FaunaSystem", data: "PhotoDataModule") -> None:
@@ -148,17 +143,34 @@ def _start(cfg: DictConfig, weights: Path | None, system: "FaunaSystem", data: "
     if weights is not None:
         theirs = read_weights(weights)[1]
         same_encoder = theirs["encoder"] == model.encoder.fingerprint
-        if isinstance(model.bank, CategoryBank) and theirs["species"] != data.train_species:
+        chosen = cfg.init_components
+        takes_bank = chosen is None or "bank" in chosen
+        if takes_bank and isinstance(model.bank, CategoryBank) and theirs["species"] != data.train_species:
             raise FaunaError(
                 f"init_from: expected weights of the same species for bank=category, got {theirs['species']} instead of "
                 f"{data.train_species}; leave the bank out of init_components or use bank=semantic"
             )
-        chosen = cfg.init_components
         if chosen is None or same_encoder:
+            _check_feature_space(weights, theirs["config"], cfg)
             load_weights(model, weights, None if chosen is None else sorted({*chosen, "feature_space"}))
             return
         load_weights(model, weights, list(chosen))  # another encoder: its features need their own statistics
     model.feature_space.fit(data.feature_samples())
+
+
+def _check_feature_space(weights: Path, theirs: dict[str, Any], cfg: DictConfig) -> None:
+    """Refuse to read features in another way than the weights did that bring their statistics."""
+    wanted = OmegaConf.to_container(cfg.feature_space, resolve=True)
+    stored = theirs.get("feature_space") or {}
+    assert isinstance(wanted, dict)
+    for key in sorted(str(key) for key in wanted if key != "max_images"):
+        if stored.get(key) != wanted[key]:
+            raise FaunaError(
+                f"init_from: expected weights of the feature space that is composed, got {weights} with {key} "
+                f"{stored.get(key)} instead of {wanted[key]}; add feature_space.{key}={stored.get(key)}, or use other weights"
+                if key in stored
+                else f"init_from: expected weights of this version, got {weights} without feature_space.{key}; train them again"
+            )
 
 
 def _validate(

@@ -19,6 +19,7 @@ SETTINGS = {
     "standardize_global": True,
     "standardize_tokens": True,
     "max_images": 100,
+    "whitening": 0.0,
 }
 
 
@@ -190,3 +191,18 @@ def test_the_flag_is_read_from_the_device_once(monkeypatch):
         space.normalize(features)
         space.targets(features)
     assert len(reads) == 1
+
+
+@pytest.mark.parametrize("whitening", [0.0, 0.5, 1.0])
+def test_whitening_raises_small_components(whitening):
+    batches = [random_features(8, seed) for seed in range(6)]
+    space = make(whitening=whitening, target_sigmas=50.0)  # nothing is clamped
+    space.fit(batches)
+    kept = []
+    for features, masks in batches:
+        covered = torch.nn.functional.adaptive_avg_pool2d(masks[:, None], 4)[:, 0] > 0.7
+        kept.append(space.targets(features).permute(0, 2, 3, 1)[covered])
+    deviations = torch.cat(kept).std(dim=0, correction=0)
+    variances = space.explained_variance
+    expected = (variances / variances[0]).sqrt() ** (1.0 - whitening) / 50.0
+    torch.testing.assert_close(deviations, expected, rtol=1e-3, atol=1e-6)

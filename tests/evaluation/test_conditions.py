@@ -62,3 +62,11 @@ def test_differences_are_within_species(tmp_path):
     assert "-0.100" in markdown(tmp_path, rows)
     with pytest.raises(FaunaError, match="without any of them"):
         compare(tmp_path, {})
+
+
+@pytest.mark.parametrize("content", [None, "{", "[]", '{"metrics": {"cat/1": 3}}'])
+def test_what_is_no_report_is_named(tmp_path, content):
+    if content is not None:
+        (tmp_path / "images.json").write_text(content)
+    with pytest.raises(FaunaError, match="^expected the folder of a fauna-eval report"):
+        compare(tmp_path, {"cat/1": dict.fromkeys(CONDITIONS, True)})

@@ -25,6 +25,7 @@ from fauna.evaluation.store import ArrayStore
 from fauna.geometry.skinning import rest_frames
 from fauna.io.checkpoint import load_weights
 from fauna.metrics.sample import Sample
+from tests.pretrained.objects import publishable
 from tests.runs import composed, dataset, reference_run, tiny
 
 FAST = ("size=32", "pairs=50", "bootstrap=20", "threads=1", "baselines=[box_copy,mean_shape]", "pictures=1")
@@ -355,3 +356,18 @@ def test_probe_lowers_the_mask_error_and_keeps_what_is_not_free(model, photo, fr
     assert float(limits.min()) == 0.0
     rotation = out.camera.camera_from_world[0, :3, :3]
     torch.testing.assert_close(rotation @ rotation.T, torch.eye(3), atol=1e-5, rtol=0)
+
+
+def test_the_trainings_dataset_may_be_elsewhere(tmp_path):
+    """One line that says what to add; what the command line names itself is spoken of as it is."""
+    weights = publishable(
+        tmp_path / "run",
+        source={"_target_": "fauna.data.sources.FaunaFolder", "root": None, "photograph_pattern": "(.+)"},
+    )
+    with pytest.raises(
+        FaunaError, match=r"^data: expected a dataset, .* add data=zoo, or data=fauna data\.root=FOLDER"
+    ) as caught:
+        evaluate(configured(f"checkpoint={weights}", *FAST), tmp_path / "out")
+    assert "\n" not in str(caught.value)
+    with pytest.raises(Exception, match=r"data\.root: expected a dataset folder"):
+        evaluate(configured(f"checkpoint={weights}", "data=fauna", *FAST), tmp_path / "out")

@@ -184,3 +184,36 @@ def test_equal_weights_give_equal_files(tmp_path):
     )
     for _ in range(2):
         subprocess.run([sys.executable, "-c", again, str(tmp_path / "w.safetensors")], check=True, timeout=60)
+
+
+# --- where a run starts from -----------------------------------------------------------------------------------------
+
+ONE_STEP = ("trainer.max_steps=1", "optimizer.lr=0", "optimizer.prior_lr=0")
+
+
+def test_a_folder_of_a_run_stands_for_its_weights(reference, tmp_path):
+    run(tmp_path, *tiny(f"init_from={reference}", *ONE_STEP))
+    assert same_bits(load_file(tmp_path / "weights.safetensors"), load_file(reference / "weights.safetensors"))
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FaunaError, match="^init_from: expected a run folder with weights.safetensors or checkpoints"):
+        run(tmp_path / "x", *tiny(f"init_from={tmp_path / 'empty'}"))
+    assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize("parts", [(), ("init_components=[viewpoint,mask_embedding]",)])
+def test_features_are_read_as_the_weights_read_them(reference, tmp_path, parts):
+    for key, value in (("whitening", "0.0"), ("standardize_tokens", "false")):
+        with pytest.raises(
+            FaunaError, match=f"^init_from: expected weights of the feature space .* with {key} "
+        ) as caught:
+            run(tmp_path, *tiny(f"init_from={reference}", *parts, f"feature_space.{key}={value}"))
+        assert "\n" not in str(caught.value)
+    run(tmp_path, *tiny(f"init_from={reference}", *parts, "feature_space.max_images=7", *ONE_STEP))
+
+
+def test_viewpoints_do_not_depend_on_the_species_of_a_category_bank(reference, tmp_path):
+    few = ("bank=category", "data.held_out=[round]")
+    parts = "init_components=[viewpoint,mask_embedding]"
+    run(tmp_path / "run", *tiny(f"init_from={reference}", parts, *few, *ONE_STEP))
+    with pytest.raises(FaunaError, match="^init_from: expected weights of the same species"):
+        run(tmp_path / "other", *tiny(f"init_from={reference}", "init_components=[bank]", *few))

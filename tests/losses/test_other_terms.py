@@ -8,7 +8,7 @@ from torch.nn import functional as F
 
 from fauna.losses.adversarial import adversarial_loss, discriminator_loss, gradient_penalty
 from fauna.losses.hypothesis import hypothesis_loss, row_weights
-from fauna.losses.regularizers import articulation_loss, deformation_loss
+from fauna.losses.regularizers import SIDE_SPREAD, articulation_loss, deformation_loss, side_view_loss
 
 
 def draw(*shape: int, seed: int = 0) -> torch.Tensor:
@@ -146,3 +146,21 @@ def test_gradient_penalty_adds_over_inputs():
     one, two = (draw(2, 3, seed=s).requires_grad_(True) for s in (11, 12))
     both = gradient_penalty((one.square() + 3 * two).sum(dim=1, keepdim=True), one, two)
     assert float(both) == pytest.approx(float((4 * one.square()).sum(dim=1).mean() + 27))
+
+
+def test_side_view_prior_prefers_the_side_and_leaves_the_front_alone():
+    degrees = torch.tensor([0.0, 30, 60, 70, 80, 90, 100, 110, 150, 180], dtype=torch.float64, requires_grad=True)
+    turn = torch.deg2rad(degrees)
+    zero = torch.zeros_like(turn)
+    forward = torch.stack((turn.sin(), zero, turn.cos()), dim=1)
+    rotations = torch.stack((forward.roll(1, dims=1), forward.roll(2, dims=1), forward), dim=2)
+    loss = side_view_loss(rotations)
+    expected = [1 - math.exp(-(math.cos(math.radians(d)) ** 2) / (2 * SIDE_SPREAD**2)) for d in degrees.tolist()]
+    assert loss.tolist() == pytest.approx(expected)
+    assert loss.argmin() == 5
+    assert float(loss[5]) == pytest.approx(0.0, abs=1e-12)
+    (slope,) = torch.autograd.grad(loss.sum(), degrees)
+    assert (slope[2:5] < 0).all()
+    assert (slope[6:8] > 0).all()
+    assert slope[[0, 1, 8, 9]].abs().max() < 0.15 * slope.abs().max()
+    assert torch.autograd.gradcheck(side_view_loss, rotations.detach().requires_grad_())

@@ -238,6 +238,28 @@ def test_damage_in_packed_sets_is_found(crops):
     assert "expects the index of 00000.tar" in faults(out)["shards"]
 
 
+def test_packing_again_mends_what_was_damaged(crops):
+    out = packed(crops)
+    before = {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in out.iterdir()}
+    packed(crops)
+    again = {path.name: (path.read_bytes(), path.stat().st_mtime_ns) for path in out.iterdir()}
+    assert again == before
+    for name in ("00000.tar", "00000.parquet", "00001.parquet", "manifest.parquet"):
+        content = before[name][0]
+        (out / name).write_bytes(content[:500] + bytes([content[500] ^ 255]) + content[501:])
+    (out / "00002.parquet").write_bytes(b"")
+    packed(crops)
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == {name: old[0] for name, old in before.items()}
+
+
+@pytest.mark.parametrize("content", ['{"version": 1, "shards": [{}]}', '{"version": 1, "shards": 5}'])
+def test_a_list_of_shards_that_is_none_is_told(crops, content):
+    out = packed(crops)
+    (out / "packed.json").write_text(content)
+    with pytest.raises(FaunaError, match="packed.json expects the list of shards, got .*; pack the set again"):
+        audit_set(out, prepare_settings(WORDS))
+
+
 def test_only_finished_sets_are_packed(crops, tmp_path):
     def refused(root, told):
         with pytest.raises(FaunaError, match=told) as error:

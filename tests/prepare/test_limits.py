@@ -49,6 +49,8 @@ def test_numbers_have_both_ends(key):
         ("crop.rule=round", "crop.rule: expected one of widen, fauna"),
         ("mask.alpha_shares=[0.9,0.1]", "the smaller one first"),
         ("mask.alpha_shares=[0.1]", "expected two shares"),
+        ("mask.segmenter=sam:", "mask.segmenter: expected a name that is not empty, got {'sam': None}"),
+        ("crop.size={a: 1}", "crop.size: expected a whole number from 32 to 2,048, got {'a': 1}"),
         ("filter.min_fill=0.9", "filter.min_fill: expected at most filter.max_fill=0.85, got 0.9"),
         ("split.val_fraction=0.99", "expected at most 1 with split.test_fraction"),
         ("shard=3", "shard: expected i/n with 0 <= i < n, got '3'"),

@@ -314,6 +314,53 @@ def test_a_file_name_that_is_none_leaves_out_its_photograph(tmp_path, name):
         assert [step.stamp((row,)) for step in steps]
 
 
+def test_an_impossible_size_leaves_out_its_photograph(tmp_path):
+    images = coco_content()["images"]
+    images[0] = {**images[0], "width": 10**30, "height": 40}
+    coco(tmp_path / "in", images=images)
+    _, rows = listed(tmp_path / "in")
+    assert 0 < sum(row.ok for row in rows) < 3
+    write_table(tmp_path / "table.parquet", rows)
+
+
+def test_odd_licences_are_no_licences(tmp_path):
+    images = [{**image, "license": [3]} for image in coco_content()["images"]]
+    coco(tmp_path / "in", images=images, licenses=[{"id": {}, "name": "mine"}])
+    _, rows = listed(tmp_path / "in")
+    assert {row.licence for row in rows} == {"unknown"}
+
+
+CATEGORY = {"id": 1, "name": "cow"}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"categories": [{**CATEGORY, "keypoints": 5}]},
+        {"categories": [{**CATEGORY, "keypoints": "ab"}]},
+        {"categories": [{**CATEGORY, "keypoints": ["tail", "nose", "tail"]}]},
+        {"categories": None},
+        {"images": None},
+        {"items": [], "keypoint_names": 3},
+        {"items": [], "keypoint_names": ["tail", "tail"]},
+    ],
+)
+def test_lists_that_are_none_are_told_in_one_line(tmp_path, changes):
+    coco(tmp_path / "in", **changes)
+    with pytest.raises(FaunaError, match="expects") as error:
+        listed(tmp_path / "in")
+    assert "\n" not in str(error.value)
+
+
+def test_items_whose_names_of_keypoints_are_null_have_none(tmp_path):
+    photo(tmp_path / "in/1.jpg")
+    content = {"keypoint_names": None, "items": [{"image": "1.jpg", "category": "cow", "bbox_xyxy": [1, 2, 9, 9]}]}
+    (tmp_path / "in/annotations.json").write_text(json.dumps(content))
+    source, rows = listed(tmp_path / "in")
+    assert not source.keypoint_names
+    assert [row.ok for row in rows] == [True]
+
+
 def test_items_and_other_lists_with_broken_entries(tmp_path):
     photo(tmp_path / "in/1.jpg")
     good = {"image": "1.jpg", "category": "cow", "bbox_xyxy": [1, 2, 9, 9], "keypoints": [[3, 4, 1], [0, 0, 0]]}

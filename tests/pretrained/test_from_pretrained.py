@@ -20,7 +20,7 @@ from fauna.pretrained import shipped
 from fauna.renderer.numba_backend import NumbaRenderer
 from fauna.train import train
 from tests.pretrained.objects import ship
-from tests.runs import assert_equal_bits, blob, composed, reference_run, tiny
+from tests.runs import assert_equal_bits, blob, command_environment, composed, reference_run, tiny
 
 
 @pytest.fixture
@@ -189,3 +189,69 @@ def test_arrays_of_another_form_are_refused(model, image, mask, message):
 def test_a_crop_is_square(model):
     with pytest.raises(FaunaError, match="^image: expected a square crop, got 9x8"):
         model.reconstruct(np.zeros((8, 9, 3), np.uint8), np.ones((8, 9), bool), crop=False)
+
+
+def test_masks_of_zeros_and_ones_mark_the_animal(model):
+    image, mask = blob("long", 0, size=64)
+    ones = (mask > 0).astype(np.uint8)
+    out, same = (model.reconstruct(image, each, size=32) for each in (mask, ones))
+    assert torch.equal(out.posed.verts, same.posed.verts)
+
+
+@pytest.mark.parametrize("size", [0, -3, 100_000])
+def test_sizes_have_a_range(model, size):
+    with pytest.raises(FaunaError, match="^size: expected a whole number from 8 to 4096"):
+        model.reconstruct(*blob("long", 0, size=64), size=size)
+
+
+WRONG_TYPES = """
+import sys
+import numpy as np
+import fauna
+from fauna.errors import FaunaError
+
+found = fauna.load(sys.argv[1])
+model, image, mask = found.model, np.zeros((64, 64, 3), np.uint8), np.ones((64, 64), bool)
+result = found.reconstruct(image, mask=mask)
+for call in (
+    lambda: fauna.FaunaModel.from_pretrained(sys.argv[1], device=None),
+    lambda: model.reconstruct(None, mask),
+    lambda: model.reconstruct(image, None),
+    lambda: model.reconstruct(image, mask, size=64.5),
+    lambda: fauna.load(sys.argv[1], settings={}),
+    lambda: fauna.load(sys.argv[1], segmenter=3),
+    lambda: found.reconstruct(None),
+    lambda: found.reconstruct(image, mask=3),
+    lambda: found.reconstruct(image, mask=mask.tolist()),
+    lambda: found.reconstruct_all(image, masks=3),
+    lambda: found.reconstruct_all(image, masks=[None]),
+    lambda: found.morph(result, result, frames=2.5),
+    lambda: found.morph(result, result, frames=None),
+    lambda: found.morph(result, result, frames=3, masks=3),
+    lambda: found.transfer_pose(result, result, masks=(mask,)),
+    lambda: found.sample_bank(mixtures=2.5, seed=0),
+    lambda: found.sample_bank(mixtures=1, seed=None),
+):
+    try:
+        call()
+    except FaunaError as error:
+        assert "expected" in str(error) and chr(10) not in str(error), error
+    else:
+        raise AssertionError("taken")
+    print("refused")
+"""
+
+
+def test_arguments_of_another_kind_get_one_line():
+    """In a process of its own, where nothing checks types before the functions do."""
+    words = [sys.executable, "-c", WRONG_TYPES, str(reference_run())]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=command_environment())
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("refused") == 17
+
+
+@pytest.mark.parametrize("content", [[1], torch.zeros(3), {"state_dict": {}}, {"model": torch.nn.ReLU}])
+def test_files_of_other_programs_are_named(tmp_path, content):
+    torch.save(content, tmp_path / "other.ckpt")
+    with pytest.raises(FaunaError, match="^expected fauna weights .* the file is damaged or of another program"):
+        fauna.FaunaModel.from_pretrained(tmp_path / "other.ckpt")

@@ -165,7 +165,7 @@ def test_no_model_is_without_failures(run, report, tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    "text", ["on /home/me/box", "in `/data/x`", "at ~/runs", "C:\\runs\\1", "a=/x/y", "file:///a/b"]
+    "text", ["on /home/me/box", "in `/data/x`", "at ~/runs", "C:\\runs\\1", "a=/x/y", "~me/runs", "file:///a/b"]
 )
 def test_absolute_paths_are_seen(text):
     with pytest.raises(FaunaError, match="^machine: expected no absolute path"):
@@ -253,5 +253,34 @@ def test_command(run, report, limits, tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit) as stopped:
         module.main()
     assert stopped.value.code == 2
-    assert capsys.readouterr().err.startswith("fauna: error: card.md: expected no absolute path")
+    assert capsys.readouterr().err.startswith("fauna: error: machine: expected no absolute path")
     assert "two cores" in (tmp_path / "out" / shipped.CARD).read_text()  # what was published before is whole
+
+
+@pytest.mark.parametrize("change", [{"hours": float("nan")}, {"hours": -1.0}, {"machine": " "}])
+def test_hours_and_machine_are_known(run, report, limits, tmp_path, change):
+    given = {"hours": 1.0, "machine": "m"} | change
+    with pytest.raises(FaunaError, match="^hours, machine: expected"):
+        publish(checkpoint=str(run), reports=[report], out=tmp_path / "x", limits=limits, **given)
+    assert not (tmp_path / "x").exists()
+
+
+def test_an_interrupted_publication_leaves_no_model(run, report, limits, tmp_path, monkeypatch):
+    """Also where one was before: its index would speak of files that are gone."""
+    given = {"checkpoint": str(run), "reports": [report], "out": tmp_path, "machine": "m", "limits": limits}
+    publish(**given, hours=1.0)
+    original, written = module.write_atomically, []
+
+    def stops(path, content):
+        if written:
+            raise KeyboardInterrupt
+        written.append(path)
+        original(path, content)
+
+    monkeypatch.setattr(module, "write_atomically", stops)
+    with pytest.raises(KeyboardInterrupt):
+        publish(**given, hours=2.0)
+    assert written
+    monkeypatch.setattr(shipped, "_folder", lambda: tmp_path)
+    with pytest.raises(FaunaError, match="no model ships"):
+        FaunaModel.from_pretrained()

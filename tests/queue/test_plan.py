@@ -26,15 +26,24 @@ def test_keys_can_be_changed_and_lists_may_nest():
     assert plan.experiment == "tiny"
 
 
+def test_common_words_come_before_those_of_a_row():
+    runs = {
+        run.name: run.overrides for run in read_plan("ablation", ["common=[init_from=a.safetensors,name=x]"]).runs()
+    }
+    assert runs["final-0"] == ("init_from=a.safetensors", "name=x")
+    assert runs["k2-0"] == ("init_from=a.safetensors", "name=x", "bank.num_slots=2")
+
+
 @pytest.mark.parametrize(
     ("name", "changes", "expected"),
     [
         ("ablatoin", [], "expected one of ablation"),
         ("missing.yaml", [], "expected one of ablation"),
-        ("ablation", ["epochs=3"], "with a key among out, jobs, experiment"),
+        ("ablation", ["epochs=3"], "with a key among out, table, experiment"),
         ("ablation", ["rows.final=bank=none"], "rows.final"),
         ("ablation", ["more_seeds.nobody=[1]"], "names of rows"),
         ("ablation", ["seeds=[one]"], "whole numbers"),
+        ("ablation", ["common=init_from=a"], "common"),
     ],
 )
 def test_wrong_words_get_one_line(name, changes, expected):
@@ -57,3 +66,36 @@ def test_a_file_of_ones_own(tmp_path):
 def test_the_rare_species_of_the_table_are_those_of_the_data():
     data = yaml.safe_load((CONF_DIR / "data" / "zoo_few_shot.yaml").read_text())
     assert sorted(read_plan("ablation", []).groups["few_shot"]) == sorted(data["source"]["few_shot"])
+
+
+GOOD = {"experiment": "tiny", "seeds": [0], "rows": {"a": []}, "evaluations": {"zoo": ["data=zoo"]}, "metrics": ["iou"]}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"common": "init_from=w"}, "common = 'init_from=w'"),
+        ({"common": [3]}, "common"),
+        ({"experiment": 3}, "experiment = 3"),
+        ({"rows": ["a"]}, "rows = "),
+        ({"rows": {"../a": []}}, "'../a'"),
+        ({"metrics": "iou"}, "metrics = 'iou'"),
+        ({"seeds": 3}, "seeds 3"),
+        ({"seeds": [True]}, "whole numbers"),
+        ({"seeds": [-1]}, "whole numbers"),
+        ({"more_seeds": {"a": 1}}, "whole numbers"),
+        (None, "got .*; mend"),
+    ],
+)
+def test_files_of_another_form_get_one_line(tmp_path, change, expected):
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump([1] if change is None else GOOD | change))
+    with pytest.raises(FaunaError, match=f"^fauna-queue: expected a queue .*{expected}") as caught:
+        read_plan(str(path), [])
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_common_comes_before_what_a_row_changes():
+    plan = read_plan("ablation", ["common=[init_from=V,init_components=[viewpoint,shape]]"])
+    words = {run.row: run.overrides for run in plan.runs()}
+    assert words["k2"] == ("init_from=V", "init_components=[viewpoint,shape]", "bank.num_slots=2")

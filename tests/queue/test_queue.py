@@ -11,8 +11,9 @@ import time
 import pytest
 
 from fauna.queue.plan import read_plan
-from fauna.queue.runner import commands, work
+from fauna.queue.runner import _claimed, commands, work
 from fauna.queue.summary import markdown, summarise
+from tests.runs import command_environment
 
 PLAN = """
 experiment: tiny
@@ -97,3 +98,33 @@ def test_what_fails_is_named_and_the_rest_goes_on(tmp_path):
 def test_the_table_before_anything_is_done(tmp_path):
     plan = read_plan("ablation", [])
     assert "none yet" in markdown(plan, summarise(plan, tmp_path))
+
+
+def test_a_command_that_outlives_its_queue_keeps_the_lock(tmp_path):
+    """Killed, the queue cannot end its training; a second one must not begin another in the same folder."""
+    (tmp_path / "sleeper.py").write_text("import os, time; print(os.getpid(), flush=True); time.sleep(60)")
+    code = (
+        "from pathlib import Path; from fauna.queue import runner; from fauna.queue.plan import read_plan\n"
+        "runner.commands = lambda plan, run, out: [['sleeper']]\n"
+        "runner.work(read_plan('ablation', []), Path('out'), say=lambda text: None)"
+    )
+    queue = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, env=command_environment())
+    log = tmp_path / "out" / "final-0" / "queue.log"
+    until(lambda: log.is_file() and log.read_text().endswith("\n"))
+    queue.kill()
+    queue.wait()
+
+    def free() -> bool:
+        with _claimed(tmp_path / "out" / "final-0") as lock:
+            return lock is not None
+
+    assert not free()
+    os.kill(int(log.read_text()), signal.SIGKILL)
+    until(free)
+
+
+def until(is_so, seconds=30.0):
+    end = time.monotonic() + seconds
+    while not is_so():
+        assert time.monotonic() < end
+        time.sleep(0.02)

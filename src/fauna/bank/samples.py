@@ -85,8 +85,9 @@ def sample_bank(model: FaunaModel, weights_sha256: str, *, mixtures: int, seed: 
         FaunaError: for a bank without slots, or a number out of range.
     """
     values = slot_values(model)
-    if not 0 <= mixtures <= MOST:
-        raise FaunaError(f"mixtures: expected a whole number from 0 to {MOST}, got {mixtures}; give another number")
+    for name, value, most in (("mixtures", mixtures, MOST), ("seed", seed, 2**32 - 1)):
+        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
+            raise FaunaError(f"{name}: expected a whole number from 0 to {most}, got {value!r}; give another number")
     samples = [BankSample(f"slot_{slot:02d}", "slot", (slot,), (1.0,), value) for slot, value in enumerate(values)]
     kinds: tuple[tuple[Kind, int], ...] = (("ten", min(TEN, len(values))), ("all", len(values)))
     for kind, size in kinds:

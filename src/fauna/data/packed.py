@@ -66,7 +66,8 @@ def read_shards(root: Path) -> list[dict[str, Any]]:
     path = root / FILE
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        version, shards = content["version"], content["shards"]
+        version, listed = content["version"], content["shards"]
+        shards = [{key: each[key] for key in ("file", "bytes", "photos", "sha256")} for each in listed]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise FaunaError(
             f"{path} expects the list of shards, got {' '.join(str(error).split())}; pack the set again"

@@ -4,6 +4,7 @@ import hashlib
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Bool, UInt8
 from PIL import Image
 
 from fauna.data.cut import cut, mask_window
@@ -12,6 +13,9 @@ from fauna.data.photos import Photo, PhotoSource, RawPhoto
 from fauna.encoder.base import Encoder
 from fauna.errors import FaunaError
 from fauna.types import Batch
+
+SIZES = (8, 4096)
+"""Of a crop's side, pixels; as ``data.image_size``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +43,7 @@ def single_photo(encoder: Encoder, image: np.ndarray, mask: np.ndarray, *, crop:
     Args:
         encoder: that the batch is made for.
         image: (height, width, 3) 8-bit RGB.
-        mask: (height, width) of truth values or 8-bit (above 127 is animal).
+        mask: (height, width) of truth values, of 0 and 1, or 8-bit (above 127 is animal).
         crop: cut the crop around the mask; otherwise image and mask are a square crop already.
         size: side of the crop, pixels.
 
@@ -47,7 +51,9 @@ def single_photo(encoder: Encoder, image: np.ndarray, mask: np.ndarray, *, crop:
         FaunaError: for arrays of another form, an empty mask, or a crop that is no square.
     """
     _check(image, mask, crop)
-    marked = mask if mask.dtype == bool else mask > 127
+    if isinstance(size, bool) or not isinstance(size, int) or not SIZES[0] <= size <= SIZES[1]:
+        raise FaunaError(f"size: expected a whole number from {SIZES[0]} to {SIZES[1]}, got {size!r}; e.g. 256")
+    marked = marked_pixels(mask)
     if not marked.any():
         raise FaunaError("mask: expected an animal, got an empty mask; mark the animal's pixels")
     if crop:
@@ -73,7 +79,17 @@ def crop_batch(encoder: Encoder, raw: RawPhoto, *, size: int) -> Batch:
     return loader.batch([photo], [False], None)
 
 
+def marked_pixels(
+    mask: Bool[np.ndarray, "height width"] | UInt8[np.ndarray, "height width"],
+) -> Bool[np.ndarray, "height width"]:
+    """Where the animal is: true, 1 in a mask of zeros and ones, or above 127."""
+    return mask if mask.dtype == bool else mask > (127 if mask.max(initial=0) > 1 else 0)
+
+
 def _check(image: np.ndarray, mask: np.ndarray, crop: bool) -> None:
+    for name, given in (("image", image), ("mask", mask)):
+        if not isinstance(given, np.ndarray):
+            raise FaunaError(f"{name}: expected a numpy array, got {type(given).__name__}; convert it")
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         raise FaunaError(
             f"image: expected (height, width, 3) 8-bit RGB, got {image.dtype} of shape {image.shape}; convert it"

@@ -55,8 +55,8 @@ class FeatureSpace(nn.Module):
     """Fitted once on training photos, then constant; its buffers travel with the checkpoint.
 
     Targets (3D-Fauna supplement, feature images): vectors of the source map are L2-normalised, projected on the first principal
-    components of *foreground* cells and scaled by one number for all channels, so that channels keep their relative scale:
-    ``0.5 + projection / (target_sigmas * sigma_1)``, clamped to [0, 1]. ``sigma_1`` is the deviation along the first component.
+    components of *foreground* cells, ``0.5 + (sigma_1 / sigma_k)^whitening * projection_k / (target_sigmas * sigma_1)``, and
+    clamped to [0, 1]. ``sigma_k`` is the deviation along component ``k``.
 
     Args:
         global_dim: channels of the global vector.
@@ -68,6 +68,8 @@ class FeatureSpace(nn.Module):
         standardize_global: whether :meth:`normalize` standardises the global vector per channel.
         standardize_tokens: whether it standardises tokens and keys per channel.
         max_images: photos read by :meth:`fit`; further ones are left unread.
+        whitening: 0 keeps the relative scale of the components (paper), 1 makes their deviations equal. What tells an animal's
+            front from its rear lies in small components.
     """
 
     fitted: Tensor
@@ -94,6 +96,7 @@ class FeatureSpace(nn.Module):
         standardize_global: bool,
         standardize_tokens: bool,
         max_images: int,
+        whitening: float,
     ):
         super().__init__()
         if not 0 < num_components <= token_dim:
@@ -107,6 +110,7 @@ class FeatureSpace(nn.Module):
         self.standardize_global = standardize_global
         self.standardize_tokens = standardize_tokens
         self.max_images = max_images
+        self.whitening = whitening
         self._ready = False  # what ``fitted`` says, once it was read as true
         self.register_buffer("fitted", torch.tensor(False))
         for name, dim in (("global", global_dim), ("token", token_dim), ("key", token_dim)):
@@ -162,7 +166,8 @@ class FeatureSpace(nn.Module):
         peak = axes.abs().argmax(dim=1, keepdim=True)
         axes = axes * axes.gather(1, peak).sign()
         self.pca_mean.copy_(foreground.mean())
-        self.components.copy_(axes)
+        gains = (variances[0] / variances[: self.num_components].clamp(min=EPS**2)).pow(0.5 * self.whitening)
+        self.components.copy_(axes * gains[:, None])
         self.target_scale.copy_(1.0 / (self.target_sigmas * variances[0].sqrt().clamp(min=EPS)))
         self.explained_variance.copy_(variances[: self.num_components] / variances.sum().clamp(min=EPS**2))
 

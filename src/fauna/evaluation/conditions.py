@@ -104,6 +104,8 @@ def describe(root: Path) -> dict[str, dict[str, bool | None]]:
             seen = () if points is None else (name for name, point in zip(names, points, strict=True) if point[2] > 0)
             mask = np.asarray(raw.mask)
             shown = Shown(mask if mask.dtype == bool else mask > 127, inside, frozenset(seen))
+            if not shown.mask.any():
+                continue  # nothing can be said of it
             found[photo.name] = {title: ask(shown) for title, ask in CONDITIONS.items()}
     return found
 
@@ -120,10 +122,16 @@ def compare(report: Path, described: Mapping[str, Mapping[str, bool | None]]) ->
         bootstrap over photographs). Species with fewer than three photographs on either side are left out.
 
     Raises:
-        FaunaError: when the report knows none of the photographs.
+        FaunaError: when it is no report, or one that knows none of the photographs.
     """
-    images = json.loads((report / "images.json").read_text("utf-8"))["metrics"]
-    shared = [name for name in images if name in described]
+    try:
+        images = json.loads((report / "images.json").read_text("utf-8"))["metrics"]
+        shared = [name for name in images if name in described]
+        scored = {name: (images[name]["species"], images[name]["scores"]) for name in shared}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FaunaError(
+            f"expected the folder of a fauna-eval report, got {report} ({type(error).__name__}); check the path"
+        ) from error
     if not shared:
         raise FaunaError(
             f"expected a report on photographs of the folder, got {report} without any of them; name their folder"
@@ -133,9 +141,9 @@ def compare(report: Path, described: Mapping[str, Mapping[str, bool | None]]) ->
         for metric in METRICS:
             sides: dict[str, tuple[list[float], list[float]]] = {}
             for name in shared:
-                answer, score = described[name][title], images[name]["scores"].get(metric)
-                if answer is not None and score is not None:
-                    sides.setdefault(images[name]["species"], ([], []))[0 if answer else 1].append(score)
+                answer, (species, scores) = described[name][title], scored[name]
+                if answer is not None and scores.get(metric) is not None:
+                    sides.setdefault(species, ([], []))[0 if answer else 1].append(scores[metric])
             known = [(np.array(yes), np.array(no)) for yes, no in sides.values() if min(len(yes), len(no)) >= FEWEST]
             if known:
                 n = (sum(len(yes) for yes, _ in known), sum(len(no) for _, no in known))
@@ -173,11 +181,15 @@ def markdown(report: Path, rows: Sequence[Mapping[str, Any]]) -> str:
 def main() -> None:
     """Entry point."""
     with one_line_errors("fauna-eval"):
+        if {"-h", "--help"} & set(sys.argv[1:]):
+            print(USAGE)
+            return
         if len(sys.argv) < 3:
             raise FaunaError(f"expected a report and a folder of crops, got {len(sys.argv) - 1} words; {USAGE}")
         described = describe(Path(sys.argv[2]).expanduser())
-        for report in (Path(sys.argv[1]), *map(Path, sys.argv[3:])):
-            print(markdown(report, compare(report, described)))
+        reports = [Path(word).expanduser() for word in (sys.argv[1], *sys.argv[3:])]
+        for report, rows in [(report, compare(report, described)) for report in reports]:
+            print(markdown(report, rows))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from typing import Any
 
 import torch
 from omegaconf import OmegaConf
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.torch import load_file, save
 
 import fauna
@@ -108,7 +108,7 @@ def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
             "encoder": state["fauna"]["encoder"],
             "species": list(state["fauna"]["species"]),
         }
-    except (SafetensorError, KeyError, TypeError, RuntimeError, EOFError, OSError, ValueError) as error:
+    except Exception as error:  # a file of another kind raises anything
         raise FaunaError(
             f"expected fauna weights (.safetensors) or a checkpoint (.ckpt), got {path} ({type(error).__name__}); "
             "the file is damaged or of another program"

@@ -2,7 +2,7 @@
 
 import json
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -56,12 +56,13 @@ def resume_path(resume: str | None, folder: Path) -> Path | None:
     return path
 
 
-def check_fits(resume: Path, wanted: Mapping[str, Any]) -> None:
+def check_fits(resume: Path, wanted: Mapping[str, Any], optimizers: Sequence[Mapping[str, Any]]) -> None:
     """Refuse a checkpoint that is not one of this model, before anything is loaded from it.
 
     Args:
         resume: the checkpoint.
         wanted: state dict of the system to be trained.
+        optimizers: state dicts of its optimizers.
 
     Raises:
         FaunaError: naming what does not fit.
@@ -69,6 +70,7 @@ def check_fits(resume: Path, wanted: Mapping[str, Any]) -> None:
     try:
         state = torch.load(resume, map_location="cpu", weights_only=True, mmap=True)
         have, _ = state["state_dict"], state["fauna"]["config"]
+        groups = [_groups(each) for each in state["optimizer_states"]]
     except Exception as error:  # a file of another kind raises anything
         raise FaunaError(
             f"resume: expected a checkpoint of fauna-train, got {resume} ({type(error).__name__}); choose one of a run's "
@@ -84,6 +86,11 @@ def check_fits(resume: Path, wanted: Mapping[str, Any]) -> None:
                 f"resume: expected {name} of shape {tuple(value.shape)}, got {tuple(have[name].shape)} in {resume}; "
                 "compose the same run"
             )
+    if groups != [_groups(each) for each in optimizers]:
+        raise FaunaError(
+            f"resume: expected a checkpoint whose parameters learn in the groups of this version, got {resume} with others; "
+            "start anew from its weights with init_from"
+        )
 
 
 def claim_folder(folder: Path, resume: Path | None) -> None:
@@ -126,6 +133,11 @@ def write_json(content: Any, path: Path) -> None:
     partial = path.with_suffix(".partial")
     partial.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     partial.replace(path)
+
+
+def _groups(optimizer: Mapping[str, Any]) -> list[tuple[str | None, int]]:
+    """Name and number of parameters of each group."""
+    return [(group.get("name"), len(group["params"])) for group in optimizer["param_groups"]]
 
 
 def _flat(node: Any, prefix: str = "") -> dict[str, Any]:

@@ -19,7 +19,7 @@ from fauna.losses.reconstruction import (
     upsample,
     values_at,
 )
-from fauna.losses.regularizers import articulation_loss, deformation_loss
+from fauna.losses.regularizers import articulation_loss, deformation_loss, side_view_loss
 from fauna.stages import Stage
 from fauna.types import Batch, Reconstruction
 from fauna.viewpoint.selection import mixed_probabilities
@@ -27,7 +27,7 @@ from fauna.viewpoint.selection import mixed_probabilities
 IMAGE_TERMS = ("mask", "mask_spill", "mask_miss", "image", "feature")
 """Terms with one value per rendered row; only these enter the hypothesis target."""
 
-TERMS = (*IMAGE_TERMS, "hypothesis", "eikonal", "articulation", "deformation", "adversarial")
+TERMS = (*IMAGE_TERMS, "hypothesis", "side_view", "eikonal", "articulation", "deformation", "adversarial")
 """Every term of the generator's loss, by the name used in weights, logs and tables."""
 
 
@@ -89,6 +89,8 @@ class Objective:
         )
         terms = {name: (value * weights).mean() for name, value in rows.items()}
         terms["hypothesis"] = hypothesis_loss(hypotheses.predicted_losses[chosen], measured)
+        if stage.weight("side_view"):
+            terms["side_view"] = (side_view_loss(out.hypotheses.rotations[chosen]) * weights).mean()
         if out.pose is not None and stage.weight("articulation"):
             terms["articulation"] = articulation_loss(out.pose.angles, self.articulation_norm)
         if out.instance.offsets is not None and stage.weight("deformation"):

@@ -104,7 +104,7 @@ def new_space(encoder: Encoder, settings: FeatureSettings) -> FeatureSpace:
     return FeatureSpace(
         global_dim=encoder.global_dim, token_dim=encoder.token_dim, num_components=settings.channels, target_source="tokens",
         target_sigmas=TARGET_SIGMAS, foreground_threshold=FOREGROUND, standardize_global=False, standardize_tokens=False,
-        max_images=settings.fit_photos,
+        max_images=settings.fit_photos, whitening=0.0,
     )  # fmt: skip
 
 

@@ -226,7 +226,8 @@ def flattened(content: Mapping[str, Any], front: str = "") -> dict[str, Any]:
     """
     found: dict[str, Any] = {}
     for key, value in content.items():
-        found |= flattened(value, f"{front}{key}.") if isinstance(value, Mapping) else {f"{front}{key}": value}
+        name = f"{front}{key}"  # a group of keys, unless a command line gave a map to one
+        found |= flattened(value, f"{name}.") if isinstance(value, Mapping) and name not in RULES else {name: value}
     return found
 
 

@@ -80,7 +80,8 @@ def pack_set(dest: Path, packed: Path, settings: Settings) -> None:
     if (dest / KEYPOINT_NAMES).is_file():
         write_file(packed / KEYPOINT_NAMES, (dest / KEYPOINT_NAMES).read_bytes())
     for manifest in sorted(dest.glob("manifest*.parquet")):
-        _copy(manifest, packed / manifest.name)
+        if file_digest(manifest) != file_digest(packed / manifest.name):
+            _copy(manifest, packed / manifest.name)
     content = {"format": "fauna-packed", "version": VERSION, "photos": sum(each["photos"] for each in shards)}
     write_file(packed / FILE, (json.dumps({**content, "shards": shards}, indent=1) + "\n").encode())
     _remove_others(packed, {str(each["file"]) for each in shards})
@@ -146,9 +147,11 @@ def _pack(entries: Sequence[Entry], path: Path) -> dict[str, Any]:
     table = pa.Table.from_pylist(rows, schema=SCHEMA)
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd")
-    write_file(path.with_suffix(".parquet"), sink.getvalue().to_pybytes())
+    index = sink.getvalue().to_pybytes()
+    write_file(path.with_suffix(".parquet"), index)
     facts = {"file": path.name, "bytes": path.stat().st_size, "photos": len(entries), "sha256": digest}
-    write_file(stamp, json.dumps({"stamp": wanted, "facts": facts}).encode())
+    noted = {"stamp": wanted, "facts": facts, "index": hashlib.sha256(index).hexdigest()}
+    write_file(stamp, json.dumps(noted).encode())
     return facts
 
 
@@ -182,12 +185,13 @@ def _stamp(entries: Sequence[Entry]) -> str:
 
 
 def _known(stamp: Path, wanted: str, path: Path) -> dict[str, Any] | None:
-    """What was said about a shard that is there and was made of the same files."""
+    """What was said about a shard that was made of the same files and is whole, as its index is."""
     try:
         content = json.loads(stamp.read_text(encoding="utf-8"))
-        same = content["stamp"] == wanted and path.stat().st_size == content["facts"]["bytes"]
-        return content["facts"] if same and path.with_suffix(".parquet").is_file() else None
-    except (OSError, ValueError, KeyError):
+        facts, index = content["facts"], file_digest(path.with_suffix(".parquet"))
+        same = content["stamp"] == wanted and index is not None and index == content["index"]
+        return facts if same and file_digest(path) == facts["sha256"] else None
+    except (OSError, ValueError, KeyError, TypeError):
         return None
 
 

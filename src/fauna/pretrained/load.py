@@ -39,7 +39,7 @@ def _device(device: str | torch.device) -> torch.device:
     try:
         wanted = torch.device(device)
         torch.empty(0, device=wanted)
-    except (RuntimeError, AssertionError) as error:  # a build of torch without CUDA asserts
-        reason = str(error).splitlines()[0]
+    except (RuntimeError, AssertionError, TypeError) as error:  # a build of torch without CUDA asserts
+        reason = str(error).splitlines()[0].split(". ")[0]
         raise FaunaError(f"device: expected one that torch can use here, got {device} ({reason}); use cpu") from error
     return wanted

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -73,9 +74,16 @@ def publish(
         SHA-256 by file name, as in the index.
 
     Raises:
-        FaunaError: when the weights are too large, learned from what may not be passed on, are not those of a report, or
+        FaunaError: when hours or machine are missing, the weights are too large, learned from what may not be passed on, are not those of a report, or
             a text holds an absolute path; when no report can tell where the head is.
     """
+    if not 0 < hours < math.inf or not machine.strip():
+        raise FaunaError(
+            f"hours, machine: expected what the training took and on what, got {hours:g} and {machine!r}; give both"
+        )
+    described = {"machine": machine, "limits": _read_text(limits)}
+    for name, text in described.items():
+        refuse_paths(name, text)
     path = locate(checkpoint)
     tensors, metadata = read_weights(path)
     about = facts(path, metadata)
@@ -87,15 +95,13 @@ def publish(
     half = all(torch.equal(value, value.half().float()) for value in tensors.values() if value.is_floating_point())
     weights = _weight_file(tensors, metadata, half=half)
     metrics = metrics_of(measured)
-    described = {
+    described |= {
         "parameters": f"{sum(each.numel() for each in load_model(path, device='cpu').parameters()):,}",
         "megabytes": f"{len(weights) / 1e6:.1f}",
         "dtype": "16-bit floats" if half else "32-bit floats",
         "sha256": sha256(weights),
         "hours": f"{hours:g}",
-        "machine": machine,
         "metrics": metrics_section(metrics),
-        "limits": _read_text(limits),
         **_training_facts(metadata, original, about["step"], learned_from),
     }
     texts = {
@@ -162,12 +168,13 @@ def _weight_file(tensors: Mapping[str, torch.Tensor], metadata: Mapping[str, Any
 
 
 def _write(out: Path, weights: bytes, texts: Mapping[str, str]) -> dict[str, str]:
-    """Check the texts, then write everything, the index last: with it the model is whole. Returns the digests."""
+    """Check the texts, then write everything, the index last: with it the model is whole, and without it there is none. Returns the digests."""
     for name, text in texts.items():
         refuse_paths(name, text)
     contents = {WEIGHTS: weights, **{name: text.encode() for name, text in texts.items()}}
     digests = {name: sha256(content) for name, content in sorted(contents.items())}
     index = _json({"format": 1, "fauna": fauna.__version__, "files": digests})
+    (out / INDEX).unlink(missing_ok=True)
     for name, content in {**contents, INDEX: index.encode()}.items():
         write_atomically(out / name, content)
     print(f"model: {out} ({len(weights) / 1e6:.1f} MB, SHA-256 {digests[WEIGHTS][:16]})")

@@ -10,7 +10,7 @@ MACHINE_KEYS = ("root", "split_file", "resume", "init_from", "init_components", 
 """Keys whose value names files of one machine, or means nothing without them; they ship as null."""
 
 ABSOLUTE = re.compile(
-    r"(?:^|[\s'\"(=\[,`:])((?:~|file://)?/[\w.~-]+(?:/[\w.~-]*)*|[A-Za-z]:[\\/][\w\\/.~-]*)", re.MULTILINE
+    r"(?:^|[\s'\"(=\[,`:])((?:~\w*|file://)?/[\w.~-]+(?:/[\w.~-]*)*|[A-Za-z]:[\\/][\w\\/.~-]*)", re.MULTILINE
 )
 """An absolute path of any system within a text; group 1 is the path. Addresses (``https://...``) are none."""
 

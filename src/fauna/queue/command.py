@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from fauna.cli import one_line_errors
+from fauna.cli import EXIT_INTERRUPTED, one_line_errors
 from fauna.errors import FaunaError
 from fauna.queue.plan import read_plan
 from fauna.queue.runner import Interrupted, work
@@ -27,6 +27,9 @@ def main() -> None:
         except Interrupted as interrupted:
             print("fauna-queue: interrupted; the same command goes on", file=sys.stderr)
             sys.exit(128 + interrupted.args[0])
+        except KeyboardInterrupt:  # between two commands
+            print("fauna-queue: interrupted; the same command goes on", file=sys.stderr)
+            sys.exit(EXIT_INTERRUPTED)
     if failed:
         print("\n".join(["fauna-queue: failed:", *failed]), file=sys.stderr)
         sys.exit(EXIT_FAILED)

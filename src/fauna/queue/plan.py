@@ -1,5 +1,6 @@
 """What a queue consists of: rows of a table, each trained with some seeds and evaluated in some ways."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,6 +43,7 @@ class Plan:
 
     Attributes:
         experiment: what all runs start from.
+        common: overrides of all runs.
         rows: overrides of each row; the others are compared with the first.
         seeds: of every row.
         more_seeds: further ones of some rows.
@@ -51,6 +53,7 @@ class Plan:
     """
 
     experiment: str
+    common: Sequence[str]
     rows: Mapping[str, Sequence[str]]
     seeds: Sequence[int]
     more_seeds: Mapping[str, Sequence[int]]
@@ -63,7 +66,7 @@ class Plan:
         order = [(row, seed) for seed in self.seeds for row in self.rows]
         further = sorted({seed for seeds in self.more_seeds.values() for seed in seeds})
         order += [(row, seed) for seed in further for row in self.rows if seed in self.more_seeds.get(row, ())]
-        return tuple(Run(row, seed, tuple(self.rows[row])) for row, seed in dict.fromkeys(order))
+        return tuple(Run(row, seed, (*self.common, *self.rows[row])) for row, seed in dict.fromkeys(order))
 
 
 def read_plan(name: str, changes: Sequence[str]) -> Plan:
@@ -97,7 +100,7 @@ def _changes(words: Sequence[str]) -> Any:
     for word in words:
         key, equals, value = word.partition("=")
         if not equals or key.split(".")[0] not in Plan.__dataclass_fields__:
-            keys = ", ".join(["out", "jobs", *Plan.__dataclass_fields__])
+            keys = ", ".join(["out", "table", *Plan.__dataclass_fields__])
             raise FaunaError(f"fauna-queue: expected key=value with a key among {keys}, got {word!r}; mend it")
         listed = value.startswith("[") and value.endswith("]")
         pairs[key] = _words(value[1:-1]) if listed else value
@@ -122,14 +125,33 @@ def _words(text: str) -> list[str]:
 
 
 def _checked(content: Any) -> Plan:
-    plan = Plan(**{**content, "more_seeds": content.get("more_seeds") or {}, "groups": content.get("groups") or {}})
+    if not isinstance(content, dict):
+        raise ValueError(f"{type(content).__name__} where keys and values belong")
+    empty = {"common": [], "more_seeds": {}, "groups": {}}
+    plan = Plan(**{**content, **{key: empty[key] for key in empty if content.get(key) is None}})
+    if not isinstance(plan.experiment, str):
+        raise ValueError(f"experiment = {plan.experiment!r} where the name of an experiment belongs")
+    for key in ("rows", "evaluations", "groups", "more_seeds"):
+        if not isinstance(getattr(plan, key), dict):
+            raise ValueError(f"{key} = {getattr(plan, key)!r} where names with lists belong")
     if not plan.rows or not plan.evaluations:
         raise ValueError("no rows or no evaluations")
-    for key in ("rows", "evaluations", "groups"):
-        for name, words in getattr(plan, key).items():
-            if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
-                raise ValueError(f"{key}.{name} = {words!r} where a list of words belongs")
-    seeds = [*plan.seeds, *(seed for each in plan.more_seeds.values() for seed in each)]
-    if not all(isinstance(seed, int) for seed in seeds) or set(plan.more_seeds) - set(plan.rows):
-        raise ValueError(f"seeds {seeds} of {', '.join(plan.more_seeds)}, where whole numbers and names of rows belong")
+    named = {
+        f"{key}.{name}": words
+        for key in ("rows", "evaluations", "groups")
+        for name, words in getattr(plan, key).items()
+    }
+    for key, words in {"common": plan.common, "metrics": plan.metrics, **named}.items():
+        if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
+            raise ValueError(f"{key} = {words!r} where a list of words belongs")
+    for name in (*plan.rows, *plan.evaluations):
+        if not isinstance(name, str) or not re.fullmatch(r"\w[\w.+-]*", name):
+            raise ValueError(f"{name!r} where a row's or an evaluation's name belongs, of letters, digits, _, . and -")
+    if set(plan.more_seeds) - set(plan.rows):
+        raise ValueError(f"more_seeds of {', '.join(map(str, plan.more_seeds))}, where names of rows belong")
+    for seeds in (plan.seeds, *plan.more_seeds.values()):
+        if not isinstance(seeds, list) or not all(
+            isinstance(seed, int) and seed is not True and seed is not False and seed >= 0 for seed in seeds
+        ):
+            raise ValueError(f"seeds {seeds!r}, where a list of whole numbers belongs")
     return plan

@@ -46,8 +46,8 @@ def commands(plan: Plan, run: Run, out: Path) -> list[list[str]]:
 def work(plan: Plan, out: Path, say: Callable[[str], None]) -> list[str]:
     """Do everything that nobody else is doing.
 
-    Several processes may work on one folder: a run is locked while it is worked on, and a lock ends with its process, however that
-    ends. What a command prints goes to ``queue.log`` in the run's folder. A command that fails ends its run, not the queue.
+    Several processes may work on one folder: a run is locked while it is worked on, and a lock ends with the queue and the command at
+    work, however these end. What a command prints goes to ``queue.log`` in the run's folder. A command that fails ends its run, not the queue.
 
     Args:
         plan: of the queue.
@@ -62,14 +62,14 @@ def work(plan: Plan, out: Path, say: Callable[[str], None]) -> list[str]:
     """
     failed = []
     for run in plan.runs():
-        with _claimed(out / run.name) as mine:
-            if not mine:
+        with _claimed(out / run.name) as lock:
+            if lock is None:
                 say(f"{run.name}: somebody else is at it")
                 continue
             for words in commands(plan, run, out):
                 say(f"{run.name}: {words[0].replace('.', '-')} {' '.join(words[1:])}")
                 started = time.monotonic()
-                code, last = _execute(words, out / run.name / "queue.log")
+                code, last = _execute(words, out / run.name / "queue.log", lock)
                 if code:
                     failed.append(f"{run.name}: {last}")
                     say(f"{run.name}: exit code {code}: {last}")
@@ -79,19 +79,23 @@ def work(plan: Plan, out: Path, say: Callable[[str], None]) -> list[str]:
 
 
 @contextmanager
-def _claimed(folder: Path) -> Iterator[bool]:
+def _claimed(folder: Path) -> Iterator[int | None]:
+    """The lock's file descriptor, ``None`` when somebody else has it."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     with (folder.parent / f".{folder.name}.lock").open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            yield False
+            yield None
         else:
-            yield True
+            yield file.fileno()
 
 
-def _execute(words: list[str], log: Path) -> tuple[int, str]:
-    """Run one command; a signal is passed on to it, and raised when it has ended."""
+def _execute(words: list[str], log: Path, lock: int) -> tuple[int, str]:
+    """Run one command; a signal is passed on to it, and raised when it has ended.
+
+    It holds the lock too: should the queue be killed, the command goes on alone, and nobody else may begin.
+    """
     log.parent.mkdir(parents=True, exist_ok=True)
     received: list[int] = []
     with log.open("ab") as file:
@@ -102,6 +106,7 @@ def _execute(words: list[str], log: Path) -> tuple[int, str]:
             stdout=file,
             stderr=subprocess.STDOUT,
             preexec_fn=os.setpgrp,  # a Ctrl-C reaches it once, through us
+            pass_fds=(lock,),
         )
 
         def pass_on(number: int, _: object) -> None:

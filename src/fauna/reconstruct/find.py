@@ -31,10 +31,23 @@ def find_masks(
         limits: what counts.
 
     Raises:
-        FaunaError: for files and arrays at once.
+        FaunaError: for files and arrays at once, or what is neither.
         Refused: when a mask is no picture, or none of this photograph.
     """
     if given is not None:
+        if (
+            not isinstance(given, Sequence)
+            or isinstance(given, str)
+            or not all(isinstance(each, MaskInput) for each in given)
+        ):
+            kinds = (
+                sorted({type(each).__name__ for each in given})
+                if isinstance(given, list | tuple)
+                else [type(given).__name__]
+            )
+            raise FaunaError(
+                f"masks: expected files, PIL pictures or numpy arrays, got {', '.join(kinds)}; convert it, or leave it out"
+            )
         files = [Path(each).expanduser() for each in given if isinstance(each, str | Path)]
         arrays = [
             np.array(each.convert("L")) if isinstance(each, Image.Image) else each

@@ -6,6 +6,7 @@ from pathlib import Path
 import torch
 
 from fauna.bank.table import table_beside
+from fauna.errors import FaunaError
 from fauna.evaluation.weights import file_digest, locate
 from fauna.masks.grabcut import GrabCut
 from fauna.masks.registry import build_segmenter
@@ -33,8 +34,12 @@ def load(
         segmenter: for photographs without a mask, in place of the settings': ``grabcut``, ``sam[:MODEL]``, ``rembg[:MODEL]``.
 
     Raises:
-        FaunaError: when there is no such model or segmenter, or the device cannot be used.
+        FaunaError: when there is no such model or segmenter, an argument is of another kind, or the device cannot be used.
     """
+    if not isinstance(settings, Settings | None) or not isinstance(segmenter, str | None):
+        name, given = ("segmenter", segmenter) if isinstance(settings, Settings | None) else ("settings", settings)
+        wanted = {"settings": "Settings, e.g. default_settings()", "segmenter": "a name, e.g. grabcut"}[name]
+        raise FaunaError(f"{name}: expected {wanted} or None, got {type(given).__name__}; leave it out for the usual")
     chosen = default_settings() if settings is None else settings
     if segmenter is not None:
         chosen = replace(chosen, mask=replace(chosen.mask, segmenter=segmenter))

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 from PIL import Image
 
+from fauna.data.single import marked_pixels
 from fauna.reconstruct.formats import OPENED
 from fauna.reconstruct.photograph import Photograph
 from fauna.reconstruct.pixels import oriented, read_orientation
@@ -83,7 +84,7 @@ def read_masks(files: Sequence[Path], photograph: Photograph, source: MaskSource
 
 
 def array_masks(masks: Sequence[np.ndarray], photograph: Photograph) -> FoundMasks:
-    """Masks in memory: truth values or 8 bits (above 127 is animal), of the photograph's size.
+    """Masks in memory: truth values, zeros and ones, or 8 bits (above 127 is animal), of the photograph's size.
 
     Raises:
         Refused: ``bad_mask``, for arrays of another kind or size.
@@ -98,7 +99,7 @@ def array_masks(masks: Sequence[np.ndarray], photograph: Photograph) -> FoundMas
                 f"{mask.shape}; make one value for each pixel",
             )
         digest.update(mask.tobytes())
-        values = (mask if mask.dtype == bool else mask > THRESHOLD).astype(np.uint8) * np.uint8(255)
+        values = marked_pixels(mask).astype(np.uint8) * np.uint8(255)
         found.append(_fitted(Image.fromarray(values), photograph))
     return FoundMasks(tuple(found), "given", digest.hexdigest())
 

@@ -21,7 +21,7 @@ from fauna.reconstruct.mask_files import FoundMasks
 from fauna.reconstruct.photograph import Photograph, Source, read_photograph
 from fauna.reconstruct.quality import confidence, judge
 from fauna.reconstruct.result import InputFacts, Result, Weights
-from fauna.reconstruct.settings import Settings
+from fauna.reconstruct.settings import MOST_FRAMES, Settings, check_range
 from fauna.reconstruct.status import Refused
 
 if TYPE_CHECKING:
@@ -74,6 +74,10 @@ class Reconstructor:
             FaunaError: for a mistake of the program, e.g. masks given partly as files. What is wrong with the photograph
                 is told by the result's status.
         """
+        if not isinstance(image, PhotoInput):
+            raise FaunaError(
+                f"image: expected a file, a PIL picture or a numpy array, got {type(image).__name__}; convert it"
+            )
         clock = Clock()
         source: Source = Path(image).expanduser() if isinstance(image, str | Path) else image
         title = name or (source.stem if isinstance(source, Path) else "photo")
@@ -126,7 +130,8 @@ class Reconstructor:
         """
         from fauna.reconstruct.morph import Morph
 
-        one, other = (self._result(each, mask) for each, mask in zip((first, second), masks, strict=True))
+        check_range("morph", frames, 2, MOST_FRAMES)
+        one, other = self._results((first, second), masks)
         return Morph(name=name or f"{one.name}_to_{other.name}", first=one, second=other, frames=frames)
 
     def transfer_pose(
@@ -147,7 +152,7 @@ class Reconstructor:
         """
         from fauna.reconstruct.posing import PoseTransfer
 
-        one, other = (self._result(each, mask) for each, mask in zip((body, pose), masks, strict=True))
+        one, other = self._results((body, pose), masks)
         return PoseTransfer(name or f"{one.name}_posed_as_{other.name}", one, other)
 
     def sample_bank(self, *, mixtures: int, seed: int) -> "BankSamples":
@@ -164,8 +169,14 @@ class Reconstructor:
 
         return sample_bank(self.model, self.weights.sha256, mixtures=mixtures, seed=seed)
 
-    def _result(self, given: PhotoInput | Result, mask: MaskInput | None) -> Result:
-        return given if isinstance(given, Result) else self.reconstruct(given, mask=mask)
+    def _results(self, given: Sequence[PhotoInput | Result], masks: Sequence[MaskInput | None]) -> list[Result]:
+        if not isinstance(masks, list | tuple) or len(masks) != len(given):
+            got = len(masks) if isinstance(masks, list | tuple) else type(masks).__name__
+            raise FaunaError(f"masks: expected one for each of {len(given)} photographs, got {got}; e.g. (mask, None)")
+        return [
+            each if isinstance(each, Result) else self.reconstruct(each, mask=mask)
+            for each, mask in zip(given, masks, strict=True)
+        ]
 
     def _animal(
         self,

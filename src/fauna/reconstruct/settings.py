@@ -225,5 +225,5 @@ def check_range(name: str, value: int, low: int, high: int) -> None:
     Raises:
         FaunaError: naming the range.
     """
-    if not low <= value <= high:
-        raise FaunaError(f"{name}: expected a whole number from {low} to {high}, got {value}; give another number")
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise FaunaError(f"{name}: expected a whole number from {low} to {high}, got {value!r}; give another number")

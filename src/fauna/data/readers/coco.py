@@ -82,7 +82,7 @@ class CocoPhotos(KeypointPhotos):
 
     def read_keypoint_names(self) -> tuple[str, ...] | None:
         """From the categories or the items, else from the chosen set; ``None`` when nothing has keypoints."""
-        lists = {names for content in self._contents.values() for names in _listed_names(content)}
+        lists = {names for content in self._contents.values() for names in _listed_names(content, str(self.root))}
         if len(lists) > 1:
             raise FaunaError(
                 f"{self.root} expects one list of keypoint names, got {len(lists)} different ones; read the files separately"
@@ -135,12 +135,12 @@ class CocoPhotos(KeypointPhotos):
         origin = ", ".join(str(part).strip() for part in parts if part) or None
         known = content.get("licenses")
         licences = {
-            each.get("id"): " ".join(str(each[key]) for key in ("name", "url") if each.get(key))
+            str(each.get("id")): " ".join(str(each[key]) for key in ("name", "url") if each.get(key))
             for each in (known if isinstance(known, list) else ())
             if isinstance(each, Mapping)
         }
         named = (
-            (forward_slashes(str(image.get("file_name"))), licences.get(image.get("license")))
+            (forward_slashes(str(image.get("file_name"))), licences.get(str(image.get("license"))))
             for image in (listed if isinstance(listed, list) else ())
             if isinstance(image, Mapping)
         )
@@ -218,13 +218,14 @@ def _box(values: object, image: Mapping[str, Any], name: str) -> Box | None:
     return (left, top, third, fourth) if "corners" in image else (left, top, left + third, top + fourth)
 
 
-def _listed_names(content: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+def _listed_names(content: Mapping[str, Any], where: str) -> Iterator[tuple[str, ...]]:
     if "items" in content:
-        yield tuple(str(name).strip() for name in content.get("keypoint_names", ()))
-        return
-    for category in content["categories"]:
-        if isinstance(category, Mapping) and category.get("keypoints"):
-            yield tuple(str(name).strip() for name in category["keypoints"])
+        listed = [content.get("keypoint_names") or []]
+    else:
+        categories = entries(content["categories"], f"{where} categories")
+        listed = [each["keypoints"] for each in categories if isinstance(each, Mapping) and each.get("keypoints")]
+    for names in listed:
+        yield tuple(str(name).strip() for name in entries(names, f"{where} names of keypoints"))
 
 
 def _has_keypoints(content: Mapping[str, Any]) -> bool:

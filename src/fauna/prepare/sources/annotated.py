@@ -82,6 +82,8 @@ class AnnotatedSource(Source):
         places = [*(animal.box or ()), *(side for point in animal.keypoints or () for side in point[:2])]
         if any(abs(place) > FARTHEST for place in places):
             return LeftOut(animal.name, "has a box or keypoint farther away than any photograph reaches")
+        if animal.size is not None and max(map(abs, animal.size)) > FARTHEST:
+            return LeftOut(animal.name, f"says that its photograph has {animal.size[0]:g} x {animal.size[1]:g} pixels")
         if animal.box is not None and animal.mask is None and not _has_area(animal.box):
             return LeftOut(animal.name, f"its box {animal.box} is empty")
         if isinstance(animal.mask, MaskFile):

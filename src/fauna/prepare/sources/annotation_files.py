@@ -47,6 +47,9 @@ def _annotated(
     reader = _reader(file, content, form, profile, settings.source.min_visibility)
     reader.skips_bad = True
     reader.root = file.parent  # as it was given: rows name files below SOURCE, whatever links lead there
+    names = reader.keypoint_names or ()
+    if len(set(names)) < len(names):
+        raise FaunaError(f"{file} expects keypoints of different names, got {str(list(names))[:80]}; mend the file")
     base = file.parent if root.is_file() else root
     reader.images = _images_folder(file, content, form, base, settings.source.images)
     species = "dog" if form == "stanfordextra" else naming.species
@@ -77,7 +80,8 @@ def _profile(content: Any, form: str, kind: str) -> Profile:
     if kind in PROFILES:
         return PROFILES[kind]
     if form == "items":
-        return PROFILES["animalpose"] if len(content.get("keypoint_names") or ()) == 20 else COCO
+        names = content.get("keypoint_names")
+        return PROFILES["animalpose"] if isinstance(names, list) and len(names) == 20 else COCO
     return recognise(content)
 
 
@@ -105,7 +109,7 @@ def _form(content: object) -> str | None:
 def _image_names(content: Any, form: str) -> Iterator[str]:
     if form == "coco":
         images = content["images"]
-        listed = images.values() if isinstance(images, Mapping) else images
+        listed = images.values() if isinstance(images, Mapping) else images if isinstance(images, list) else ()
         yield from (str(each.get("file_name") if isinstance(each, Mapping) else each) for each in listed)
         return
     items = content["items"] if form == "items" else content["data"] if form == "animal3d" else content

@@ -51,7 +51,7 @@ def recognise(content: Mapping[str, Any]) -> Profile:
     first = next(_objects(content, "annotations"), {})
     if {"animal", "animal_parent_class"} <= set(first):
         return PROFILES["animal_kingdom"]
-    names = next((sorted(str(name).strip() for name in each["keypoints"]) for each in _objects(content, "categories") if each.get("keypoints")), None)  # fmt: skip
+    names = next((sorted(str(name).strip() for name in each["keypoints"]) for each in _objects(content, "categories") if isinstance(each.get("keypoints"), list) and each["keypoints"]), None)  # fmt: skip
     if names is None:
         count = len(first.get("keypoints") or ()) // 3
         return {17: PROFILES["ap10k"], 20: PROFILES["animalpose"]}.get(count, COCO)
