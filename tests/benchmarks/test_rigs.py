@@ -18,6 +18,7 @@ def test_smoke_run(monkeypatch, tmp_path):
     assert printed == [row]
     assert set(row) == FIELDS
     assert row["animals"] == 19
-    assert row["legs_crossed"] == row["noted"] == 0
+    assert row["legs_crossed"] == 0
+    assert row["noted"] <= 1
     assert max(row["slide_walk"], row["slide_trot"], row["slide_stand"]) < 0.03
     assert row["skin_error_mean"] < 0.005

@@ -202,7 +202,7 @@ def test_a_folder_of_a_run_stands_for_its_weights(reference, tmp_path):
 
 @pytest.mark.parametrize("parts", [(), ("init_components=[viewpoint,mask_embedding]",)])
 def test_features_are_read_as_the_weights_read_them(reference, tmp_path, parts):
-    for key, value in (("whitening", "0.0"), ("standardize_tokens", "false")):
+    for key, value in (("whitening", "0.5"), ("standardize_tokens", "false")):
         with pytest.raises(
             FaunaError, match=f"^init_from: expected weights of the feature space .* with {key} "
         ) as caught:
