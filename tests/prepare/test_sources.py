@@ -88,9 +88,8 @@ def test_names_that_are_no_utf8_lead_back_to_their_files(tmp_path):
     assert row.source.encode("utf-8").decode() == row.source
 
 
-def test_a_folder_that_cannot_be_listed_is_a_row_with_a_reason(tmp_path, monkeypatch):
-    photo(tmp_path / "in/horse/a.png")
-    (tmp_path / "in/secret").mkdir()
+def lock_secret(monkeypatch):
+    """Folders called secret cannot be listed, as for another user."""
     real = os.scandir
 
     def scandir(path):
@@ -99,6 +98,12 @@ def test_a_folder_that_cannot_be_listed_is_a_row_with_a_reason(tmp_path, monkeyp
         return real(path)
 
     monkeypatch.setattr(os, "scandir", scandir)
+
+
+def test_a_folder_that_cannot_be_listed_is_a_row_with_a_reason(tmp_path, monkeypatch):
+    photo(tmp_path / "in/horse/a.png")
+    (tmp_path / "in/secret").mkdir()
+    lock_secret(monkeypatch)
     _, rows = listed(tmp_path / "in")
     assert [(row.source, row.reasons) for row in rows] == [("horse/a.png", ()), ("secret", ("scan:unreadable",))]
     assert "Permission denied" in (rows[1].origin or "")
@@ -106,14 +111,7 @@ def test_a_folder_that_cannot_be_listed_is_a_row_with_a_reason(tmp_path, monkeyp
 
 @pytest.mark.parametrize("kind", ["folders", "pairs"])
 def test_ids_of_folders_that_cannot_be_listed_do_not_depend_on_the_place(tmp_path, monkeypatch, kind):
-    real = os.scandir
-
-    def scandir(path):
-        if str(path).endswith("secret"):
-            raise PermissionError(13, "Permission denied", str(path))
-        return real(path)
-
-    monkeypatch.setattr(os, "scandir", scandir)
+    lock_secret(monkeypatch)
     found = []
     for place in ("here", "there"):
         inner = tmp_path / place / "in" / ("images" if kind == "pairs" else "")
