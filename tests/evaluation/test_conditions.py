@@ -51,10 +51,15 @@ def test_differences_are_within_species(tmp_path):
             name = f"{species}/{index}"
             is_so = index < (6 if species == "cat" else 3)  # most cats, few dogs
             described[name] = {title: is_so for title in CONDITIONS}
-            images[name] = {"species": species, "scores": {"iou": level - 0.1 * is_so, "kt_pck@0.1": None}}
+            images[name] = {
+                "species": species,
+                "scores": {"iou": level - 0.1 * is_so, "kt_pck@0.1": None},
+                "baselines": {"feature_matching": {"kt_pck@0.1": 0.2 + 0.3 * is_so}},
+            }
     (tmp_path / "images.json").write_text(json.dumps({"metrics": images}))
     rows = compare(tmp_path, described)
-    assert {row["metric"] for row in rows} == {"iou"}
+    assert {(row["of"], row["metric"]) for row in rows} == {("model", "iou"), ("feature_matching", "kt_pck@0.1")}
+    assert rows[1]["difference"] == pytest.approx(0.3)
     dogs_only = rows[0]  # two cats are too few
     assert dogs_only["n"] == (3, 5)
     assert dogs_only["difference"] == pytest.approx(-0.1)

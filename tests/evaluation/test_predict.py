@@ -133,6 +133,9 @@ def test_report_of_a_run(evaluated, run):
     assert set(report["timing"]) >= {"samples", "model", "untrained", "score model"}
     for name in ("report.json", "report.md", "report.html", "images.json", "predictions/facts.json"):
         assert (folder / name).is_file(), name
+    rows = json.loads((folder / "images.json").read_text())["metrics"].values()
+    untrained = np.mean([row["baselines"]["untrained"]["iou"] for row in rows])  # one photograph of each species
+    assert untrained == pytest.approx(report["baselines"]["untrained"]["metrics"]["iou"]["value"])
     trained = json.loads((run / "result.json").read_text())["trained"]
     assert report["validation"]["iou"] == pytest.approx(
         trained["iou"], abs=0.02

@@ -81,6 +81,9 @@ def test_held_out_species_stand_apart(tmp_path):
     assert report["held_out"]["metrics"]["iou"]["n"] == 3
     images = json.loads((tmp_path / "out" / "images.json").read_text())
     assert {row["species"] for row in images["held_out"].values()} == {"round"}
+    for row in images["held_out"].values():  # what each baseline scored on the same photograph
+        assert set(row["baselines"]) == set(report["baselines"]) != set()
+        assert row["baselines"]["mean_shape"]["iou"] == row["scores"]["iou"]  # the same meshes
     assert "Pictures of species never seen" in (tmp_path / "out" / "report.html").read_text()
 
 

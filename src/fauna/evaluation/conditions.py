@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 from fauna.cli import one_line_errors
 from fauna.data.sources import FaunaFolder
 from fauna.errors import FaunaError
+from fauna.evaluation.reading import MODEL
 
 USAGE = "usage: python -m fauna.evaluation.conditions REPORT_FOLDER DATA_ROOT [REPORT_FOLDER ...]"
 METRICS = ("iou", "kt_pck@0.1")
@@ -118,8 +119,9 @@ def compare(report: Path, described: Mapping[str, Mapping[str, bool | None]]) ->
         described: of :func:`describe`.
 
     Returns:
-        Rows of ``condition``, ``metric``, ``n`` (yes, no), ``yes`` and ``no`` (means over species), ``difference``, ``low``, ``high`` (95 %
-        bootstrap over photographs). Species with fewer than three photographs on either side are left out.
+        Rows of ``condition``, ``of`` (the model or a baseline of the report), ``metric``, ``n`` (yes, no), ``yes`` and ``no`` (means over
+        species), ``difference``, ``low``, ``high`` (95 % bootstrap over photographs). Species with fewer than three photographs on
+        either side are left out, and metrics that nothing has a score in.
 
     Raises:
         FaunaError: when it is no report, or one that knows none of the photographs.
@@ -127,7 +129,14 @@ def compare(report: Path, described: Mapping[str, Mapping[str, bool | None]]) ->
     try:
         images = json.loads((report / "images.json").read_text("utf-8"))["metrics"]
         shared = [name for name in images if name in described]
-        scored = {name: (images[name]["species"], images[name]["scores"]) for name in shared}
+        species = {name: images[name]["species"] for name in shared}
+        scores = {name: {MODEL: images[name]["scores"], **images[name].get("baselines", {})} for name in shared}
+        methods = list(dict.fromkeys(method for name in shared for method in scores[name]))
+        columns = {
+            (method, metric): {name: scores[name].get(method, {}).get(metric) for name in shared}
+            for metric in METRICS
+            for method in methods
+        }
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise FaunaError(
             f"expected the folder of a fauna-eval report, got {report} ({type(error).__name__}); check the path"
@@ -138,16 +147,16 @@ def compare(report: Path, described: Mapping[str, Mapping[str, bool | None]]) ->
         )
     rows = []
     for title in CONDITIONS:
-        for metric in METRICS:
+        for (method, metric), column in columns.items():
             sides: dict[str, tuple[list[float], list[float]]] = {}
-            for name in shared:
-                answer, (species, scores) = described[name][title], scored[name]
-                if answer is not None and scores.get(metric) is not None:
-                    sides.setdefault(species, ([], []))[0 if answer else 1].append(scores[metric])
+            for name, score in column.items():
+                answer = described[name][title]
+                if answer is not None and score is not None:
+                    sides.setdefault(species[name], ([], []))[0 if answer else 1].append(score)
             known = [(np.array(yes), np.array(no)) for yes, no in sides.values() if min(len(yes), len(no)) >= FEWEST]
             if known:
                 n = (sum(len(yes) for yes, _ in known), sum(len(no) for _, no in known))
-                rows.append({"condition": title, "metric": metric, "n": n, **_difference(known)})
+                rows.append({"condition": title, "of": method, "metric": metric, "n": n, **_difference(known)})
     return rows
 
 
@@ -166,13 +175,13 @@ def markdown(report: Path, rows: Sequence[Mapping[str, Any]]) -> str:
     lines = [
         f"**{report.name}**",
         "",
-        "| photographs | metric | n | mean | the others | difference |",
-        "|---|---|---|---|---|---|",
+        "| photographs | of | metric | n | mean | the others | difference |",
+        "|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         n = row["n"]
         lines.append(
-            f"| {row['condition']} | {row['metric']} | {n[0]} of {n[0] + n[1]} | {row['yes']:.3f} | {row['no']:.3f} "
+            f"| {row['condition']} | {row['of']} | {row['metric']} | {n[0]} of {n[0] + n[1]} | {row['yes']:.3f} | {row['no']:.3f} "
             f"| {row['difference']:+.3f} ({row['low']:+.3f} to {row['high']:+.3f}) |"
         )
     return "\n".join(lines) + "\n"

@@ -72,14 +72,14 @@ class Scorer:
 
         Returns:
             ``metrics``, ``species``, ``held_out``, ``baselines``, ``probes``, ``validation``, ``left_out``, as in ``report.json``;
-            ``images``: by group and photograph; ``tallies``: by group, key and species.
+            ``images``: by group and photograph, with what each baseline scored on it; ``tallies``: by group, key and species.
         """
         settings = self.facts["settings"]
         model = self._predictions(MODEL)
         result = self._groups(MODEL, model, self._shared_base())
         images = {group: self._with_species(scored.pop("images")) for group, scored in _parts(result)}
         tallies = {group: name_owners(scored.pop("tallies"), images[group]) for group, scored in _parts(result)}
-        baselines = {name: self._baseline(name) for name in settings["baselines"]}
+        baselines = {name: self._baseline(name, images) for name in settings["baselines"]}
         probes = {name: self._probe(name, model) for name in settings["probes"]}
         terms = defaultdict(list)
         for name, row in read_terms(self.folder).items():
@@ -144,7 +144,8 @@ class Scorer:
         else:
             result |= scored
 
-    def _baseline(self, name: str) -> dict[str, Any]:
+    def _baseline(self, name: str, images: Mapping[str, Mapping[str, dict[str, Any]]]) -> dict[str, Any]:
+        """Scores of a baseline; those of each photograph are noted beside the model's."""
         baseline = get_baseline(name)
         if isinstance(baseline, MeshBaseline):
             result = self._groups(name, self._predictions(name))
@@ -154,8 +155,10 @@ class Scorer:
             except FaunaError as error:
                 self.left_out.append({"of": name, "name": "*", "metric": "all", "reason": str(error)})
                 return {}
-        for _, scored in _parts(result):
-            scored.pop("images", None)
+        for group, scored in _parts(result):
+            for photograph, scores in scored.pop("images", {}).items():
+                known = {key: value for key, value in scores.items() if value is not None}
+                images[group][photograph]["baselines"][name] = known
             scored.pop("tallies", None)
         return {"description": baseline.description, **result}
 
@@ -206,7 +209,10 @@ class Scorer:
         return scored
 
     def _with_species(self, images: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-        return {name: {"species": self.samples[name].category, "scores": dict(row)} for name, row in images.items()}
+        return {
+            name: {"species": self.samples[name].category, "scores": dict(row), "baselines": {}}
+            for name, row in images.items()
+        }
 
     def _absent(self) -> list[dict[str, str]]:
         """Kinds of metric that the whole dataset does not allow."""
