@@ -1,9 +1,11 @@
 import pytest
 import yaml
+from omegaconf import OmegaConf
 
 from fauna._conf import CONF_DIR
 from fauna.errors import FaunaError
 from fauna.queue.plan import read_plan
+from tests.runs import composed
 
 
 def test_the_rows_of_the_paper_are_there_and_first_seeds_come_first():
@@ -32,6 +34,33 @@ def test_common_words_come_before_those_of_a_row():
     }
     assert runs["final-0"] == ("init_from=a.safetensors", "name=x")
     assert runs["k2-0"] == ("init_from=a.safetensors", "name=x", "bank.num_slots=2")
+
+
+def settings(node, path=()):
+    """Every setting of a configuration by its path."""
+    if isinstance(node, dict):
+        return {key: value for name, below in node.items() for key, value in settings(below, (*path, name)).items()}
+    return {path: node}
+
+
+@pytest.mark.parametrize("experiment", ["ablation", "ablation_bodies"])
+def test_a_row_differs_from_the_first_in_what_it_names_only(experiment):
+    rows = {}
+    for run in read_plan("ablation", []).runs():
+        if run.seed == 0:
+            words = (f"+experiment={experiment}", *run.overrides)
+            rows[run.row] = settings(OmegaConf.to_container(composed(*words), resolve=False))
+    final = rows.pop("final")
+    changed = {
+        row: {key[0] for key in final.keys() | of_row.keys() if final.get(key, "") != of_row.get(key, "")}
+        for row, of_row in rows.items()
+    }
+    assert changed == {
+        "no_bank": {"bank", "batch_code"},
+        "category": {"bank"},
+        "no_adversarial": {"discriminator"},
+        **dict.fromkeys(("single", "k2", "k10", "k100"), {"bank"}),
+    }
 
 
 @pytest.mark.parametrize(
