@@ -153,6 +153,8 @@ def test_a_table_of_a_run(run, tmp_path):
         (["species", "data=nothing"], ["data", "nothing"]),
         (["species", "data=zoo", "--photos", "0"], ["--photos", ">= 1"]),
         (["table", "data.nothing=3"], ["data.nothing=3", "KEY=VALUE"]),
+        (["table", "--held-out", "-1"], ["--held-out", ">= 0", "-1"]),
+        (["table", "-o", "nowhere/bank.safetensors"], ["--out", "nowhere", "make the folder"]),
     ],
     ids=" ".join,
 )

@@ -76,6 +76,14 @@ def test_names_that_the_set_does_not_have_are_told(tmp_path, key):
     assert run(source, dest, f"{key}={tmp_path / 'list'}")
 
 
+@pytest.mark.parametrize("key", ["overrides", "split.back_views"])
+def test_a_missing_list_is_told_before_the_work(tmp_path, key):
+    source, dest = photographs(tmp_path / "pile", {"horse": 2}), tmp_path / "set"
+    with pytest.raises(FaunaError, match=f"^{key}: expected .* got .*nowhere.txt"):
+        prepare("scan", source, dest, prepare_settings([*QUICKER, f"{key}={tmp_path / 'nowhere.txt'}"]))
+    assert not list(tmp_path.glob("set.work/**/*.parquet"))
+
+
 def test_a_list_that_contradicts_itself_is_refused(tmp_path):
     (tmp_path / "list").write_text("a,keep\nb,drop\na,keep\n")
     assert read_overrides(tmp_path / "list").verdicts == {"a": "keep", "b": "drop"}

@@ -74,11 +74,15 @@ def species(given: argparse.Namespace) -> bool:
 def table(given: argparse.Namespace) -> bool:
     """``fauna-bank table``."""
     path = _weights(given)
+    out = path.parent / TABLE if given.out is None else given.out.expanduser()
+    if given.held_out < 0:
+        raise FaunaError(f"--held-out: expected a number >= 0, got {given.held_out}; 0 leaves other species out")
+    if out.is_dir() or not out.parent.is_dir():
+        raise FaunaError(f"--out: expected a file in a folder that exists, got {out}; make the folder or name a file")
     photos, trained = training_pictures(path, given.data, held_out=given.held_out)
     made = take_census(
         _model(given), photos, trained=trained, weights_sha256=file_digest(path), report=_progress(len(photos))
     )
-    out = path.parent / TABLE if given.out is None else given.out.expanduser()
     write_table(made, out)
     print(f"{out}: {sum(trained)} training pictures and {len(photos) - sum(trained)} of other species")
     return True

@@ -98,6 +98,7 @@ class Pipeline:
             FaunaError: when the step before it has not been run.
         """
         if name == "scan":
+            self._back_views()  # a list that is missing is told before the work
             source = self._source()
             photos: Iterator[Rows] = (rows for rows in source.photos() if rows[0].group in shard)
         else:
