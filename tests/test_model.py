@@ -76,6 +76,13 @@ def test_given_feature_targets_win(model, photos):
     assert model.feature_targets(replace(photos, feature_targets=given)) is given
 
 
+@torch.no_grad()
+def test_given_feature_targets_do_not_replace_raised_components(model, photos):
+    given = replace(photos, feature_targets=torch.full((3, 16, 4, 4), 0.5))
+    with patch.object(model.feature_space, "whitening", 0.7):
+        assert torch.equal(model.feature_targets(given), model.feature_targets(photos))
+
+
 def test_stage_travels_with_the_state(model):
     stage = Stage(articulation=False, temperature=0.3, weights={"mask": 2.0})
     model.set_stage(stage)

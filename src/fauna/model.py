@@ -197,8 +197,8 @@ class FaunaModel(nn.Module):
 
     @torch.no_grad()
     def feature_targets(self, batch: Batch) -> Float[Tensor, "batch chan grid_height grid_width"]:
-        """PCA feature maps in [0, 1] that the rendered features are compared with."""
-        if batch.feature_targets is not None:
+        """PCA feature maps in [0, 1] that the rendered features are compared with; those of the batch where they fit the feature space."""
+        if batch.feature_targets is not None and self.feature_space.takes_stored_maps:
             return batch.feature_targets
         return self.feature_space.targets(self.encode(batch))
 

@@ -187,6 +187,11 @@ class FeatureSpace(nn.Module):
             keys = tokens if shared else (keys - self.key_mean[:, None, None]) / self.key_std[:, None, None]
         return Features(global_, tokens, keys)
 
+    @property
+    def takes_stored_maps(self) -> bool:
+        """Whether feature maps that came with the photos can stand in for :meth:`targets`: they keep the components' scale."""
+        return self.whitening == 0.0
+
     def targets(self, features: Features) -> Float[Tensor, "batch component grid_height grid_width"]:
         """Feature targets in [0, 1] of *unnormalised* features, on the encoder's grid, background included.
 
