@@ -69,9 +69,44 @@ def test_differences_are_within_species(tmp_path):
         compare(tmp_path, {})
 
 
-@pytest.mark.parametrize("content", [None, "{", "[]", '{"metrics": {"cat/1": 3}}'])
+GOOD = {"species": "cat", "scores": {"iou": 0.5}, "baselines": {"box_copy": {"iou": 0.1}}}
+DAMAGED = [
+    {"species": ["cat"]},
+    {"species": None},
+    {"scores": None},
+    {"scores": [0.5]},
+    {"scores": {"iou": "x"}},
+    {"scores": {"iou": float("nan")}},
+    {"baselines": None},
+    {"baselines": [1]},
+    {"baselines": {"box_copy": None}},
+    {"baselines": {"box_copy": [1]}},
+]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        None,
+        "{",
+        "[]",
+        '{"metrics": []}',
+        '{"metrics": {"cat/1": 3}}',
+        *(json.dumps({"metrics": {"cat/1": GOOD | damage}}) for damage in DAMAGED),
+    ],
+)
 def test_what_is_no_report_is_named(tmp_path, content):
     if content is not None:
         (tmp_path / "images.json").write_text(content)
-    with pytest.raises(FaunaError, match="^expected the folder of a fauna-eval report"):
+    with pytest.raises(FaunaError, match="^expected the folder of a fauna-eval report .* score again with") as caught:
         compare(tmp_path, {"cat/1": dict.fromkeys(CONDITIONS, True)})
+    assert "\n" not in str(caught.value)
+
+
+def test_a_report_from_before_baselines_by_photograph_has_rows_of_the_model_only(tmp_path):
+    """And a baseline that is called like the model does not take its place."""
+    rows = {f"cat/{index}": GOOD | {"baselines": {"model": {"iou": 0.0}}} for index in range(4)}
+    rows |= {f"cat/{index}": {"species": "cat", "scores": {"iou": 0.5}} for index in range(4, 8)}
+    (tmp_path / "images.json").write_text(json.dumps({"metrics": rows}))
+    found = compare(tmp_path, {name: dict.fromkeys(CONDITIONS, name < "cat/4") for name in rows})
+    assert {(row["of"], row["yes"], row["no"]) for row in found} == {("model", 0.5, 0.5)}

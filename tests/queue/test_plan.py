@@ -52,15 +52,18 @@ def test_a_row_differs_from_the_first_in_what_it_names_only(experiment):
             rows[run.row] = settings(OmegaConf.to_container(composed(*words), resolve=False))
     final = rows.pop("final")
     changed = {
-        row: {key[0] for key in final.keys() | of_row.keys() if final.get(key, "") != of_row.get(key, "")}
+        row: {
+            ".".join(key): of_row.get(key) for key in final.keys() | of_row.keys() if final.get(key) != of_row.get(key)
+        }
         for row, of_row in rows.items()
     }
-    assert changed == {
+    assert {row: {key.split(".")[0] for key in keys} for row, keys in changed.items()} == {
         "no_bank": {"bank", "batch_code"},
         "category": {"bank"},
         "no_adversarial": {"discriminator"},
         **dict.fromkeys(("single", "k2", "k10", "k100"), {"bank"}),
     }
+    assert [changed[row] for row in ("k2", "k10", "k100")] == [{"bank.num_slots": slots} for slots in (2, 10, 100)]
 
 
 @pytest.mark.parametrize(
@@ -73,6 +76,8 @@ def test_a_row_differs_from_the_first_in_what_it_names_only(experiment):
         ("ablation", ["more_seeds.nobody=[1]"], "names of rows"),
         ("ablation", ["seeds=[one]"], "whole numbers"),
         ("ablation", ["common=init_from=a"], "common"),
+        ("ablation", ["common=[init_from]"], "common with 'init_from', where KEY=VALUE belongs"),
+        ("ablation", ["seeds=[]"], "no seeds for k2, k10, k100"),
     ],
 )
 def test_wrong_words_get_one_line(name, changes, expected):

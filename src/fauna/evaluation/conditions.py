@@ -27,6 +27,8 @@ REPLICATES = 2000
 
 Sides = tuple[Float[np.ndarray, " photo"], Float[np.ndarray, " other"]]
 """Scores of the photographs of a species that fulfil a condition, and of those that do not."""
+Column = tuple[str, str]
+"""The model or a baseline, and a metric."""
 
 
 @dataclass(frozen=True)
@@ -126,25 +128,7 @@ def compare(report: Path, described: Mapping[str, Mapping[str, bool | None]]) ->
     Raises:
         FaunaError: when it is no report, or one that knows none of the photographs.
     """
-    try:
-        images = json.loads((report / "images.json").read_text("utf-8"))["metrics"]
-        shared = [name for name in images if name in described]
-        species = {name: images[name]["species"] for name in shared}
-        scores = {name: {MODEL: images[name]["scores"], **images[name].get("baselines", {})} for name in shared}
-        methods = list(dict.fromkeys(method for name in shared for method in scores[name]))
-        columns = {
-            (method, metric): {name: scores[name].get(method, {}).get(metric) for name in shared}
-            for metric in METRICS
-            for method in methods
-        }
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise FaunaError(
-            f"expected the folder of a fauna-eval report, got {report} ({type(error).__name__}); check the path"
-        ) from error
-    if not shared:
-        raise FaunaError(
-            f"expected a report on photographs of the folder, got {report} without any of them; name their folder"
-        )
+    species, columns = _scores(report, described)
     rows = []
     for title in CONDITIONS:
         for (method, metric), column in columns.items():
@@ -158,6 +142,33 @@ def compare(report: Path, described: Mapping[str, Mapping[str, bool | None]]) ->
                 n = (sum(len(yes) for yes, _ in known), sum(len(no) for _, no in known))
                 rows.append({"condition": title, "of": method, "metric": metric, "n": n, **_difference(known)})
     return rows
+
+
+def _scores(report: Path, known: Mapping[str, Any]) -> tuple[dict[str, str], dict[Column, dict[str, float | None]]]:
+    """Species of a report's photographs among the known ones, and by method and metric their scores."""
+    path = report / "images.json"
+    try:
+        rows = {name: row for name, row in json.loads(path.read_text("utf-8"))["metrics"].items() if name in known}
+        species = {name: row["species"] for name, row in rows.items()}
+        scores = {name: {**row.get("baselines", {}), MODEL: row["scores"]} for name, row in rows.items()}
+        columns = {
+            (method, metric): {name: of_photo.get(method, {}).get(metric) for name, of_photo in scores.items()}
+            for metric in METRICS
+            for method in dict.fromkeys((MODEL, *(method for of_photo in scores.values() for method in of_photo)))
+        }
+        told = [score for column in columns.values() for score in column.values() if score is not None]
+        if not all(isinstance(kind, str) for kind in species.values()) or not np.isfinite(np.array(told, float)).all():
+            raise ValueError("a species or a score is none")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise FaunaError(
+            f"expected the folder of a fauna-eval report with the scores of each photograph in {path.name}, got {report} "
+            f"({type(error).__name__}); check the path, or score again with fauna-eval predictions={report}/predictions out=FOLDER"
+        ) from error
+    if not rows:
+        raise FaunaError(
+            f"expected a report on photographs of the folder, got {report} without any of them; name their folder"
+        )
+    return species, columns
 
 
 def _difference(sides: Sequence[Sides]) -> dict[str, float]:

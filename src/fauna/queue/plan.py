@@ -144,6 +144,10 @@ def _checked(content: Any) -> Plan:
     for key, words in {"common": plan.common, "metrics": plan.metrics, **named}.items():
         if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
             raise ValueError(f"{key} = {words!r} where a list of words belongs")
+    changes = {"common": plan.common, **{key: words for key, words in named.items() if not key.startswith("groups.")}}
+    for key, words in changes.items():
+        if wrong := [word for word in words if "=" not in word and not word.startswith("~")]:
+            raise ValueError(f"{key} with {wrong[0]!r}, where KEY=VALUE belongs")
     for name in (*plan.rows, *plan.evaluations):
         if not isinstance(name, str) or not re.fullmatch(r"\w[\w.+-]*", name):
             raise ValueError(f"{name!r} where a row's or an evaluation's name belongs, of letters, digits, _, . and -")
@@ -154,4 +158,6 @@ def _checked(content: Any) -> Plan:
             isinstance(seed, int) and seed is not True and seed is not False and seed >= 0 for seed in seeds
         ):
             raise ValueError(f"seeds {seeds!r}, where a list of whole numbers belongs")
+    if without := [row for row in plan.rows if not plan.seeds and not plan.more_seeds.get(row)]:
+        raise ValueError(f"no seeds for {', '.join(without)}")
     return plan
