@@ -30,10 +30,11 @@ def test_keys_can_be_changed_and_lists_may_nest():
 
 def test_common_words_come_before_those_of_a_row():
     runs = {
-        run.name: run.overrides for run in read_plan("ablation", ["common=[init_from=a.safetensors,name=x]"]).runs()
+        run.name: run.overrides
+        for run in read_plan("ablation", ["common=[init_from=a.safetensors,init_components=[viewpoint,shape]]"]).runs()
     }
-    assert runs["final-0"] == ("init_from=a.safetensors", "name=x")
-    assert runs["k2-0"] == ("init_from=a.safetensors", "name=x", "bank.num_slots=2")
+    assert runs["final-0"] == ("init_from=a.safetensors", "init_components=[viewpoint,shape]")
+    assert runs["k2-0"] == ("init_from=a.safetensors", "init_components=[viewpoint,shape]", "bank.num_slots=2")
 
 
 def settings(node, path=()):
@@ -127,9 +128,3 @@ def test_files_of_another_form_get_one_line(tmp_path, change, expected):
     with pytest.raises(FaunaError, match=f"^fauna-queue: expected a queue .*{expected}") as caught:
         read_plan(str(path), [])
     assert "\n" not in str(caught.value)
-
-
-def test_what_is_common_comes_before_what_a_row_changes():
-    plan = read_plan("ablation", ["common=[init_from=V,init_components=[viewpoint,shape]]"])
-    words = {run.row: run.overrides for run in plan.runs()}
-    assert words["k2"] == ("init_from=V", "init_components=[viewpoint,shape]", "bank.num_slots=2")
