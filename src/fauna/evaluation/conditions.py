@@ -158,7 +158,7 @@ def _scores(report: Path, known: Mapping[str, Any]) -> tuple[dict[str, str], dic
         }
         told = [score for column in columns.values() for score in column.values() if score is not None]
         if not all(isinstance(kind, str) for kind in species.values()) or not np.isfinite(np.array(told, float)).all():
-            raise ValueError("a species or a score is none")
+            raise ValueError("a species that is no text, or a score that is no finite number")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise FaunaError(
             f"expected the folder of a fauna-eval report with the scores of each photograph in {path.name}, got {report} "
